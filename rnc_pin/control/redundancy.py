@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -187,7 +187,7 @@ class Posture(DescribedMixin):
 
     described = ("k",)
 
-    def __init__(self, task: Task, reference: Reference, k: float | np.ndarray = 1.0) -> None:
+    def __init__(self, task: Task, reference: Reference, k: float | Sequence[float] | np.ndarray = 1.0) -> None:
         check_size(reference, len(task.redundant), "redundant")
         size = len(task.redundant)
         self._task, self.reference, self.k = task, reference, np.asarray(k, dtype=float)

@@ -13,6 +13,7 @@ from .safe_read import recorded_reads as recorded_reads
 from .strict_mapping import LIST as LIST
 from .strict_mapping import Numbers as Numbers
 from .strict_mapping import Strict as Strict
-from .strict_mapping import attribute_texts as attribute_texts
+from .strict_mapping import descriptions as descriptions
+from .strict_mapping import summary as summary
 from .strict_mapping import validated as validated
 from .strict_mapping import wrong as wrong

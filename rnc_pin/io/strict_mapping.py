@@ -5,8 +5,10 @@ from __future__ import annotations
 import ast
 import inspect
 import math
+import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import is_dataclass
 from functools import cache
 from itertools import pairwise
 from typing import Annotated, ClassVar, TypeVar, get_args, get_origin
@@ -70,31 +72,49 @@ def _classes(module: str) -> Mapping[str, ast.ClassDef]:
     return {each.name: each for each in tree.body if isinstance(each, ast.ClassDef)}
 
 
-@cache
-def attribute_texts(kind: type) -> Mapping[str, str]:
-    """Text below each annotated attribute in the source of a class; empty if the class has no source.
+def summary(kind: type) -> str:
+    """First paragraph of the docstring of a class."""
+    return " ".join((inspect.getdoc(kind) or "").split("\n\n")[0].split())
 
-    Args:
-        kind: a class whose source can be read.
+
+@cache
+def descriptions(kind: type) -> Mapping[str, str]:
+    """Descriptions of the attributes of a class and of its bases.
+
+    They are in ``Args`` or ``Attributes`` of a docstring, or below the attributes.
     """
-    found = _classes(kind.__module__).get(kind.__qualname__)
-    return {
-        attribute.target.id: inspect.cleandoc(text.value.value)
-        for attribute, text in pairwise(found.body if found else ())
-        if isinstance(attribute, ast.AnnAssign) and isinstance(attribute.target, ast.Name)
-        if isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant) and isinstance(text.value.value, str)
-    }
+    found: dict[str, str] = {}
+    for each in reversed(kind.__mro__):
+        if not (is_dataclass(each) or issubclass(each, Strict)):
+            continue  # of a library
+        said = inspect.cleandoc(vars(each).get("__doc__") or "")
+        for part in re.findall(r"^(?:Args|Attributes):\n((?:    .*\n?|\n)*)", said, re.MULTILINE):
+            for names, text in re.findall(r"^    (\w+(?:, \w+)*): (.*\n?(?:     .*\n?)*)", part, re.MULTILINE):
+                found |= dict.fromkeys(names.split(", "), text)
+        source = _classes(each.__module__).get(each.__qualname__)
+        found |= {
+            attribute.target.id: text.value.value
+            for attribute, text in pairwise(source.body if source else ())
+            if isinstance(attribute, ast.AnnAssign) and isinstance(attribute.target, ast.Name)
+            if isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant) and isinstance(text.value.value, str)
+        }
+    return {name: _sentence(text) for name, text in found.items()}
+
+
+def _sentence(text: str) -> str:
+    text = re.sub(r"\bNone\b", "null", " ".join(text.split()))
+    return text[0].upper() + text[1:]
 
 
 class Strict(BaseModel):
     """Mapping with a fixed set of keys. It refuses an unknown key and suggests the nearest one.
 
-    The docstring of an attribute describes its key. It is read from the source when it is asked for: pydantic's own
+    The docstring of the class, or of an attribute, describes its keys. It is read when it is asked for: pydantic's own
     ``use_attribute_docstrings`` reads all sources at every import, which takes longer than a short run.
     """
 
-    texts_of_class: ClassVar[Callable[[], Mapping[str, str]] | None] = None
-    """Function that returns the descriptions of keys that another class has."""
+    described_by: ClassVar[type | None] = None
+    """Another class whose docstring describes the keys."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True, defer_build=True)
 
@@ -118,20 +138,18 @@ class Strict(BaseModel):
     @classmethod
     def key_descriptions(cls) -> dict[str, str]:
         """Description of each key, from its field or from the docstring of the attribute."""
-        kinds = [kind for kind in reversed(cls.__mro__) if issubclass(kind, Strict)]
-        texts: dict[str, str] = {}
-        for kind in kinds:
-            of_class = vars(kind).get("texts_of_class")
-            texts |= attribute_texts(kind) if of_class is None else of_class()
+        texts = dict(descriptions(cls.described_by or cls))
         texts |= {name: field.description for name, field in cls.model_fields.items() if field.description is not None}
         return {name: texts[name] for name in cls.model_fields if name in texts}
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
         form = handler(core)
-        properties = handler.resolve_ref_schema(form)["properties"]
+        whole = handler.resolve_ref_schema(form)
+        if "description" in whole:
+            whole["description"] = summary(cls)
         for name, text in cls.key_descriptions().items():
-            properties[name]["description"] = text
+            whole["properties"][name]["description"] = text
         return form
 
 

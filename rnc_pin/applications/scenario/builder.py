@@ -7,7 +7,6 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 
@@ -114,8 +113,7 @@ class Experiment:
     @property
     def loop(self) -> LoopOptions:
         """Options of the control loop that the scenario sets."""
-        said = self.scenario.loop
-        return cast(LoopOptions, {} if said is None else {**said.given})
+        return {} if self.scenario.loop is None else self.scenario.loop.options
 
     def run(self, options: SimulationOptions) -> Trajectory:
         """Simulate the run."""
@@ -236,7 +234,7 @@ def _grip(scenario: ScenarioFile, reduced: ReducedModel) -> Grip | None:
     if not isinstance(scenario.controller, VelocityTrackerSettings):
         raise ConfigurationError("grip: requires a controller over a velocity tracker, such as type 'redundancy'")
     with ConfigurationError.at("grip"):
-        return scenario.grip.build(reduced=reduced)
+        return scenario.grip.build(reduced)
 
 
 def _later_ends(scenario: ScenarioFile, context: ControllerContext) -> dict[str, float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -114,7 +114,7 @@ def plan_path(scenario: ScenarioFile, reduced: ReducedModel, task: Task, q0: np.
             forward_only=trailer is not None or bool(settings.forward_only),
         )
         if trailer is not None:
-            slithering = trailer.build(reduced=reduced, task=task, tractor=settings.frame)
+            slithering = trailer.build(reduced, task, settings.frame)
     poses = np.round(path.poses[:: max(1, len(path.poses) // 400)], 5).tolist()
     names = [f"{settings.frame}_{axis}" for axis in "xy"]
     monitored = None
@@ -146,7 +146,9 @@ class Plans:
         """Return the optimal motion of a scenario, like ``build_plan``."""
         system = (scenario.robot, scenario.constraints, scenario.mimic, scenario.actuators, scenario.forces)
         problem = (scenario.outputs, scenario.obstacles, scenario.initial, scenario.planner, scenario.seed)
-        key = repr((system, problem, _regulator(scenario)))
+        chosen = _regulator(scenario)
+        gains = (chosen.gains, chosen.state_cost, chosen.input_cost, chosen.frequency)
+        key = repr((system, problem, gains))
         if key not in self._found:
             self._found[key] = build_plan(scenario, reduced, start, obstacles)
         return self._found[key]
@@ -169,34 +171,40 @@ def build_plan(
             raise ConfigurationError("form 'kinematic' starts with any velocity; remove 'initial.v2'")
         goal = feedback.goal_of(settings.goal, scenario.listed_outputs, reduced) or None
         guess, duration = _first_guess(scenario, reduced, start, goal, obstacles)
-        return settings.build(
+        return optimal.plan(
             reduced,
-            q0=start.q,
-            goal=goal,
+            start.q,
+            goal,
+            duration,
+            form=settings.form,
             costs=list(_costs(settings, start, names)),
             bounds=list(feedback.bounds_of(settings, reduced, obstacles, start.q, settings.accuracy)),
-            duration=duration,
+            limits=None if settings.limits is None else settings.limits.build(),
+            settings=settings.solver,
             guess=guess,
+            seeds=settings.seeds,
             seed=scenario.seed,
+            solutions=settings.solutions,
             v2_0=None if kinematic else start.v2,
+            at_rest=settings.at_rest,
+            time_weight=settings.time_weight,
             feedback=_feedback(scenario, reduced),
         )
 
 
-def _regulator(scenario: ScenarioFile) -> tuple[str, dict[str, Any]]:
-    """Gains of the feedback of the run, and the options of its regulator.
+def _regulator(scenario: ScenarioFile) -> feedback.PlanFeedbackSettings:
+    """Settings of the feedback of the run.
 
     Trackers of outputs have another feedback; the usual regulator stands for it.
     """
     chosen = scenario.controller
-    if not isinstance(chosen, feedback.PlanFeedbackSettings):
-        chosen = feedback.PlanFeedbackSettings(type="plan_feedback")
-    return chosen.gains, {name: getattr(chosen, name) for name in feedback.REGULATOR}
+    usual = feedback.PlanFeedbackSettings(type="plan_feedback")
+    return chosen if isinstance(chosen, feedback.PlanFeedbackSettings) else usual
 
 
 def _feedback(scenario: ScenarioFile, reduced: ReducedModel) -> optimal.RunFeedback:
-    gains, options = _regulator(scenario)
-    return "plan" if gains == "plan" else lambda found: optimal.tvlqr(reduced, found, **options).K
+    chosen = _regulator(scenario)
+    return "plan" if chosen.gains == "plan" else lambda found: chosen.regulator(reduced, found).K
 
 
 def planned_path(found: optimal.MotionPlan, reduced: ReducedModel, frame: str) -> PlannedPath:
@@ -224,8 +232,8 @@ def _costs(settings: OptimalPlanner, start: Start, names: Sequence[str]) -> Iter
     if costs.posture is not None:
         yield optimal.PostureCost(start.q, costs.posture)
     for each in costs.outputs:
-        feedback.check_output_names("costs.outputs", cast(list[str], each.output), names)
-        yield each
+        feedback.check_output_names("costs.outputs", each.outputs, names)
+        yield each.build()
 
 
 def _first_guess(
@@ -234,12 +242,12 @@ def _first_guess(
     start: Start,
     goal: Mapping[OutputTarget, ArrayLike] | None,
     obstacles: Sequence[Obstacle],
-) -> tuple[Way | np.ndarray | None, float | tuple[float, ...]]:
+) -> tuple[Way | np.ndarray | None, float | tuple[float, float]]:
     """First guess, a way, configurations (n, nq) or None for the straight line, and the duration."""
     settings = scenario.planner
     assert settings is not None
     given = settings.duration
-    duration = tuple(given) if isinstance(given, list) else given
+    duration = (given[0], given[1]) if isinstance(given, list) else given
     if settings.type == "global":
         assert goal is not None
         for each in obstacles:

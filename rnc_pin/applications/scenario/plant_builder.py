@@ -91,7 +91,7 @@ def build_plant(scenario: ScenarioFile, reduced: ReducedModel, q0: np.ndarray) -
         _check_contacts(scenario)
         args = scenario.constraints, scenario.actuators, scenario.mimic, scenario.forces
         system = NonholonomicSystem(reduced.robot, *args)
-        return ContactPlant(system, scenario.contacts, **settings.plant_options)
+        return ContactPlant(system, scenario.contacts, *settings.plant_options)
 
     def plant_of(model: ReducedModel) -> Plant:
         if in_mujoco:
@@ -99,7 +99,7 @@ def build_plant(scenario: ScenarioFile, reduced: ReducedModel, q0: np.ndarray) -
             return mujoco.MuJoCoPlant(model, plant.settings, q0)
         if servo_time is not None:
             return VelocityPlant(model, servo_time, settings.substeps or 1)
-        return ReducedPlant(model, **settings.plant_options)
+        return ReducedPlant(model, *settings.plant_options)
 
     if faults is None:
         return plant_of(reduced)
@@ -134,18 +134,15 @@ def _check_servos(scenario: ScenarioFile, servo_time: float | None) -> None:
     """Raise an error unless controller and plant agree about inputs: forces or velocities."""
     settings = scenario.simulation
     assert settings is not None
-    to_set_point = getattr(scenario.controller, "velocities", False)
-    velocities = to_set_point or getattr(scenario.controller, "tracker", None) == "velocity"
+    velocities = "" if scenario.controller is None else scenario.controller.velocity_command
     if velocities and servo_time is None:
-        controller, said = scenario.controller, "tracker: 'velocity'"
-        if to_set_point and controller is not None:  # a type without the key always commands velocities
-            said = "velocities: true" if "velocities" in type(controller).model_fields else f"type: '{controller.type}'"
-        raise ConfigurationError(f"controller.{said} requires velocity servos: set plant.servo_time")
+        raise ConfigurationError(f"controller.{velocities} requires velocity servos: set plant.servo_time")
     if servo_time is not None and not velocities:
         raise ConfigurationError(
             "plant.servo_time: requires controller.tracker 'velocity', controller.velocities, or controller.type 'way'"
         )
-    unused = [name for name in ("joint_damping", "joint_friction", "actuator_limits") if getattr(settings, name)]
+    no_effect = {"joint_damping", "joint_friction", "actuator_limits"}
+    unused = [name for name, value in settings if name in no_effect and value]
     if velocities and unused:
         raise ConfigurationError(f"simulation.{unused[0]}: has no effect on ideal velocity servos; remove it")
     faults = None if scenario.faults is None else scenario.faults.faults

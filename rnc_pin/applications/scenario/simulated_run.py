@@ -148,9 +148,7 @@ def _off_tracking(experiment: Experiment, configurations: np.ndarray) -> float |
         return None
     robot = experiment.reduced.robot
     some = configurations[::10]  # every tenth sample is dense enough
-    driven, axle = (
-        frame_poses(robot, frame, some).planar for frame in (settings.frame, settings.trailer.given["axle"])
-    )
+    driven, axle = (frame_poses(robot, frame, some).planar for frame in (settings.frame, settings.trailer.frame))
     behind = 2.0 * float(np.linalg.norm(driven[0, :2] - axle[0, :2]))
     return float(path_distances(axle[:, :2], continued_back(driven, behind)).max())
 
@@ -221,7 +219,7 @@ def _replay(experiment: Experiment, run: Trajectory, asked: float | None) -> Lim
 def _grip(experiment: Experiment, run: Trajectory) -> Grip | None:
     """Stated friction of the ground; None without one, or if contacts appear and vanish."""
     stated, program, reduced = experiment.scenario.grip, experiment.program, experiment.reduced
-    grip = None if stated is None else stated.build(reduced=reduced)
+    grip = None if stated is None else stated.build(reduced)
     if grip is None and isinstance(program, InverseDynamicsQP) and program.friction is not None:
         with suppress(ConfigurationError):  # nothing grips
             grip = Grip(reduced, program.friction)

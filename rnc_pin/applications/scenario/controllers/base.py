@@ -7,33 +7,33 @@ compute with them. ``build`` passes them on.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable
-from dataclasses import fields, replace
-from functools import partial
-from typing import Annotated, ClassVar, Literal, cast
+from dataclasses import replace
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from rnc_pin import control
 from rnc_pin.applications.scenario.controllers.context import BuiltController, ControllerContext
-from rnc_pin.applications.scenario.schema.derived import Entry, T, part
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.io import Numbers, Strict, wrong
 from rnc_pin.model import NotNegative, Positive, ReducedModel
 
-_Gains = type[control.VelocityGains] | type[control.PositionGains]
-_ENDS = Field(min_length=2, max_length=2, description="Lower and upper bound of all estimates, in their unit.")
-_ERROR = Field(description="Prediction error below which adaptation stops, because of noise [m/s or rad/s].")
-_FORMS = {"bounds": Annotated[list[float], _ENDS], "dead_zone": Annotated[NotNegative, _ERROR]}
-_estimates = partial(part, control.Estimator, "bounds", "dead_zone", forms=_FORMS)
-_OF_MASSES, _OF_WHEELS = _estimates(), _estimates(defaults={"bounds": [0.01, 5.0]})
-_BASE, _UNIT = part(control.MomentumRegressor, "base"), part(control.UnknownMass, "unit")
-_WHEELS = part(control.UnknownRadius, "wheels", forms={"wheels": Annotated[list[str], Field(min_length=1)]})
+Gain = float | Numbers
+"""Gain in a file: a number, or one for each output."""
+_Bounds = Annotated[list[float], Field(min_length=2, max_length=2)]
 
 
 class _EstimatedParameters(Strict):
-    entry: ClassVar[Entry[control.Estimator]]
+    """Parameters to estimate.
+
+    Attributes:
+        bounds: lower and upper bound of all estimates, in their unit.
+        dead_zone: prediction error below which adaptation stops, because of noise [m/s or rad/s].
+    """
+
+    bounds: _Bounds
+    dead_zone: NotNegative = 0.0
 
     @property
     @abstractmethod
@@ -44,46 +44,61 @@ class _EstimatedParameters(Strict):
     def regressor(self, reduced: ReducedModel) -> control.Regressor:
         """Model of the unknown parameters."""
 
-    def estimator(self, reduced: ReducedModel, alpha: object) -> control.Estimator:
+    def estimator(self, reduced: ReducedModel, alpha: float) -> control.Estimator:
         """Build the estimator with an adaptation gain."""
         with ConfigurationError.at("controller.unknown"):
-            regressor = self.regressor(reduced)
-            return self.entry.build(self, reduced=reduced, regressor=regressor, initial=self.estimates, alpha=alpha)
+            regressor, (low, high) = self.regressor(reduced), self.bounds
+            return control.Estimator(reduced, regressor, self.estimates, (low, high), alpha, self.dead_zone)
 
 
-class UnknownMasses(_EstimatedParameters, _OF_MASSES.model, _BASE.model, _UNIT.model):  # type: ignore[name-defined, misc]
-    """Unknown masses of bodies."""
+class UnknownMasses(_EstimatedParameters):
+    """Unknown masses of bodies.
 
-    entry: ClassVar[Entry[control.Estimator]] = _OF_MASSES
+    Attributes:
+        bounds: lower and upper bound of all estimates, in their unit.
+        base: the joint whose momentum is conserved.
+        unit: mass that counts as 1 [kg]. The paper's parameters are ``m_k / J``: unit J.
+        initial: first estimates: joint that carries the body to mass, in ``unit``.
+    """
 
+    bounds: _Bounds = [0.05, 20.0]
+    base: str
+    unit: Positive = 1.0
     initial: Annotated[dict[str, float], Field(min_length=1)]
-    """First estimates: joint that carries the body to mass, in ``unit``."""
 
     @property
     def estimates(self) -> list[float]:
         return list(self.initial.values())
 
     def regressor(self, reduced: ReducedModel) -> control.Regressor:
-        masses = [_UNIT.build(self, joint=joint) for joint in self.initial]
-        return _BASE.build(self, robot=reduced.robot, unknown=masses)
+        masses = [control.UnknownMass(joint, self.unit) for joint in self.initial]
+        return control.MomentumRegressor(reduced.robot, self.base, masses)
 
 
-class _WheelLength(_WHEELS.model):  # type: ignore[name-defined, misc]
-    """Wheels with one unknown radius or track."""
+class _WheelLength(Strict):
+    """Wheels with one unknown radius or track.
 
+    Attributes:
+        wheels: frames of ``RollingWheel`` constraints.
+        initial: first estimate [m].
+    """
+
+    wheels: Annotated[list[str], Field(min_length=1)]
     initial: Positive
-    """First estimate [m]."""
 
 
-class UnknownWheels(_EstimatedParameters, _OF_WHEELS.model):  # type: ignore[name-defined, misc]
-    """Unknown radii and tracks of wheels."""
+class UnknownWheels(_EstimatedParameters):
+    """Unknown radii and tracks of wheels.
 
-    entry: ClassVar[Entry[control.Estimator]] = _OF_WHEELS
+    Attributes:
+        bounds: lower and upper bound of all estimates, in their unit.
+        radii: unknown radii; each is common to its wheels.
+        tracks: unknown tracks; each is the distance between two wheels along their axle.
+    """
 
+    bounds: _Bounds = [0.01, 5.0]
     radii: list[_WheelLength] = []
-    """Unknown radii; each is common to its wheels."""
     tracks: list[_WheelLength] = []
-    """Unknown tracks; each is the distance between two wheels along their axle."""
 
     @model_validator(mode="after")
     def _check_any(self) -> UnknownWheels:
@@ -111,8 +126,8 @@ Unknown = Annotated[
 ]
 
 
-def sized_gain(name: str, value: float | Numbers | None, size: int) -> float | np.ndarray | None:
-    """Return a gain of the settings after a check of its length; None if it is not given.
+def sized_gain(name: str, value: Gain | np.ndarray, size: int) -> float | np.ndarray:
+    """Return a gain after a check of its length.
 
     Raises:
         ConfigurationError: the number of values is not ``size``.
@@ -122,8 +137,19 @@ def sized_gain(name: str, value: float | Numbers | None, size: int) -> float | n
     return np.array(value) if isinstance(value, list) else value
 
 
+def sized_gains(size: int, **given: Gain | None) -> dict[str, float | np.ndarray | None]:
+    """Return gains that the settings give, by name, after a check of their lengths; None for others."""
+    return {name: None if value is None else sized_gain(name, value, size) for name, value in given.items()}
+
+
 class ControllerSettings(Strict):
-    """Settings of one type of controller."""
+    """Settings of one type of controller.
+
+    Attributes:
+        type: type of the controller.
+        preset: default gains. "paper": gains of the paper. "scaled": gains scaled to the reduced inertia H along the
+            reference. Only "scaled" reads H. With unknown masses it reads H of the first estimates.
+    """
 
     follows: ClassVar[frozenset[str]]
     """References of the task that the controller reads."""
@@ -133,10 +159,7 @@ class ControllerSettings(Strict):
     """Settings that only the preset ``scaled`` reads."""
 
     type: str
-    """Type of the controller."""
     preset: control.Preset = "scaled"
-    """Default gains. "paper": gains of the paper. "scaled": gains scaled to the reduced inertia H along the reference.
-    Only "scaled" reads H. With unknown masses it reads H of the first estimates."""
 
     @property
     def followed(self) -> frozenset[str]:
@@ -159,15 +182,15 @@ class ControllerSettings(Strict):
     @abstractmethod
     def _build(self, context: ControllerContext) -> BuiltController: ...
 
-    def outer_gain(self, name: str, size: int = 1) -> float | np.ndarray:
-        """Gain of the settings for ``size`` outputs, or that of their preset."""
-        given = sized_gain(name, getattr(self, name), size)
-        return cast(float, getattr(control.OUTER_GAINS[self.preset], name)) if given is None else given
+    @property
+    def velocity_command(self) -> str:
+        """Key and value by which the controller commands velocities, for messages; empty if it commands forces."""
+        return ""
 
-    def tracker_gains(self, kind: _Gains, size: int) -> dict[str, float | np.ndarray | None]:
-        """Gains of a tracker that the settings give, by name; None for others."""
-        names = [each.name for each in fields(kind) if each.name in type(self).model_fields]
-        return {name: sized_gain(name, getattr(self, name), size) for name in names}
+    @property
+    def outer(self) -> control.OuterGains:
+        """Outer gains of the preset, for those that the settings do not give."""
+        return control.OUTER_GAINS[self.preset]
 
     @model_validator(mode="before")
     @classmethod
@@ -180,37 +203,42 @@ class ControllerSettings(Strict):
 
     @model_validator(mode="after")
     def _check_preset(self) -> ControllerSettings:
-        for name in self.scaled_only:
-            if self.preset != "scaled" and getattr(self, name) is not None:
+        for name, value in self:
+            if self.preset != "scaled" and name in self.scaled_only and value is not None:
                 raise wrong(name, "belongs to the preset 'scaled'")
         return self
 
 
-def preset_gains(kind: Callable[..., T], *names: str) -> Entry[T]:
-    """Return an entry of gains that those of a preset replace if the file does not give them."""
-    return part(kind, *names, optional=names)
+class AdaptationSettings(ControllerSettings):
+    """Settings of controllers that learn disturbance forces, and unknown parameters of the kinematics.
 
-
-_RATES = part(control.GainDesign, "adaptation", "delay")
-_DEAD_ZONE, _ALPHA = preset_gains(control.VelocityGains, "dead_zone"), preset_gains(control.OuterGains, "alpha")
-
-
-class AdaptationSettings(ControllerSettings, _RATES.model, _DEAD_ZONE.model, _ALPHA.model):  # type: ignore[name-defined, misc]
-    """Settings of controllers that learn disturbance forces, and unknown parameters of the kinematics."""
+    Attributes:
+        gravity_compensation: True if the actuators hold the robot against gravity before the run. Trackers then start
+            with that force. By default with preset "scaled", for a run that starts at rest where gravity loads the
+            outputs.
+        unknown: masses, or radii and tracks of wheels, to estimate.
+        alpha: adaptation gain of parameter estimates (20); 0 for constant estimates.
+        dead_zone: velocity error below which adaptation stops, as large as the velocity noise [m/s or rad/s]; zero in
+            the paper (``control.feedback``). One number, or one for each reducing output.
+        adaptation: for "scaled": adaptation rate ``beta / k`` [1/s]; by default 1, and up to 20 where gravity loads the
+            outputs.
+        delay: for "scaled": time from a measurement to its force, without sampling [s]; 0 by default.
+    """
 
     scaled_only: ClassVar[tuple[str, ...]] = ("adaptation", "delay")
 
     gravity_compensation: bool | None = None
-    """True if the actuators hold the robot against gravity before the run. Trackers then start with that force. By
-    default with preset "scaled", for a run that starts at rest where gravity loads the outputs."""
     unknown: Unknown | None = None
-    """Masses, or radii and tracks of wheels, to estimate."""
+    alpha: NotNegative | None = None
+    dead_zone: Gain | None = None
+    adaptation: Positive | None = None
+    delay: NotNegative | None = None
 
     def build(self, context: ControllerContext) -> BuiltController:
         """Build the controller. With unknown parameters it uses the estimated model and never the true one."""
         if self.unknown is None:
             return super().build(context)
-        estimator = self.unknown.estimator(context.reduced, self.outer_gain("alpha"))
+        estimator = self.unknown.estimator(context.reduced, self.outer.alpha if self.alpha is None else self.alpha)
         built, regressor = super().build(replace(context, reduced=estimator.model)), estimator.regressor
         notes = {
             **built.notes,
@@ -240,12 +268,15 @@ class AdaptationSettings(ControllerSettings, _RATES.model, _DEAD_ZONE.model, _AL
 
 
 class NoControlSettings(ControllerSettings):
-    """No control: the robot moves freely."""
+    """No control: the robot moves freely.
+
+    Attributes:
+        type: free motion: all actuator inputs are zero, and no output has a goal.
+    """
 
     follows: ClassVar[frozenset[str]] = frozenset()
 
     type: Literal["none"]
-    """Free motion: all actuator inputs are zero, and no output has a goal."""
 
     def _build(self, context: ControllerContext) -> BuiltController:
         return BuiltController(control.ZeroInput(context.reduced))

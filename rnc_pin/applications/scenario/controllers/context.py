@@ -11,19 +11,17 @@ import pinocchio as pin
 from numpy import ndarray as Array
 
 from rnc_pin.analysis import Grip
-from rnc_pin.applications.scenario.schema.derived import PartialCall
 from rnc_pin.applications.scenario.schema.run_settings import SimulationSettings
 from rnc_pin.array_shapes import Float
 from rnc_pin.collision import Obstacle
 from rnc_pin.control import Controller, KinematicController, SlitheringReference, VelocityQP, VelocityTarget
 from rnc_pin.errors import ConfigurationError, InfeasibleError, nearest
 from rnc_pin.io import Json
-from rnc_pin.model import Coordinates, Measurement, OutputKind, OutputStack, ReducedModel, Task, axis_index
+from rnc_pin.model import Measurement, OutputKind, OutputStack, ReducedModel, Task
 from rnc_pin.motion.optimal import MotionPlan
 from rnc_pin.motion.planning import Reference
 from rnc_pin.motion.whole_body import ProgramState
-from rnc_pin.motion.whole_body.tasks import BasePoseTask, CenterOfMassTask, ControlTask, DampingTask, PostureTask
-from rnc_pin.outputs import FramePosition, FrameYaw
+from rnc_pin.motion.whole_body.tasks import ControlTask, DampingTask, PostureTask
 from rnc_pin.simulation import Margins, margins_along, obstacles_passed
 
 _LONGEST = 350  # letters of the reasons that one error names
@@ -39,86 +37,69 @@ class GoalError(NamedTuple):
     priority: int
 
 
+@dataclass(frozen=True)
+class FollowedGoal:
+    """Goal of a task that follows a reference.
+
+    Attributes:
+        index: number of the task.
+        priority: level of the task.
+        reference: its reference.
+        stack: outputs that the reference describes.
+    """
+
+    index: int
+    priority: int
+    reference: Reference
+    stack: OutputStack
+
+    def error(self, reduced: ReducedModel, t: float, q: Array, v: Array | None) -> GoalError | None:
+        """Error at a time [s]. A quasi-velocity has no position: its goal is the velocity of its reference.
+
+        Args:
+            reduced: the model.
+            t, q, v: time, configuration and velocity; None if the velocity is not known.
+        """
+        here, point = reduced.at(q).position, self.reference.at(t)
+        if self.stack.quasi.any() and v is None:
+            return None
+        if self.stack.quasi.any():
+            errors = point.velocity - self.stack.jacobian(here) @ v
+        else:
+            errors = self.stack.coordinates.difference(point.position, self.stack.value(here))
+        names = self.stack.names
+        by_name = dict(zip(names, np.abs(errors).tolist(), strict=True))
+        return GoalError(f"task {self.index} ({', '.join(names)})", by_name, self.priority)
+
+
 class TaskGoals:
     """Goals of the tasks that follow references. Postures and the like are preferences: they have no goals.
 
     Where a program has nothing but postures and damping, the postures of the first priority are its goals.
 
     Args:
-        items: tasks as in the scenario file.
-        tasks: the tasks that were built of them.
+        followed: goals of tasks with references.
+        tasks: all tasks.
         reduced: the model.
     """
 
-    def __init__(
-        self,
-        items: Sequence[ControlTask | PartialCall[ControlTask]],
-        tasks: Sequence[ControlTask],
-        reduced: ReducedModel,
-    ) -> None:
-        self._reduced, self._first = reduced, min(task.priority for task in tasks)
-        self._goals = [
-            (index, call, task, task.bind(reduced).goal_names)
-            for index, (call, task) in enumerate(zip(items, tasks, strict=True))
-            if isinstance(call, PartialCall)
-        ]
+    def __init__(self, followed: Sequence[FollowedGoal], tasks: Sequence[ControlTask], reduced: ReducedModel) -> None:
+        self._followed, self._reduced = followed, reduced
+        first = min(task.priority for task in tasks)
+        postures = [(k, task) for k, task in enumerate(tasks) if isinstance(task, PostureTask)]
         alone = all(isinstance(task, PostureTask | DampingTask) for task in tasks)
-        first = [
-            (k, task) for k, task in enumerate(tasks) if isinstance(task, PostureTask) and task.priority == self._first
-        ]
-        self._postures = first if alone else []
+        self._postures = [(k, task) for k, task in postures if alone and task.priority == first]
 
     def errors(self, t: float, q: Float[Array, " nq"], v: Float[Array, " nv"] | None = None) -> list[GoalError]:
-        """Return the errors of all tasks at a time [s]; those of quasi-velocities need a velocity.
-
-        A quasi-velocity has no position: its goal is the velocity of its reference.
-        """
-        found = []
-        for index, call, task, names in self._goals:
-            reference: Reference = getattr(task, "reference")  # noqa: B009 (a call of a task with a reference)
-            stack = goal_stack(call, self._reduced)
-            if stack is not None and stack.quasi.any():
-                if v is None:
-                    continue
-                rates = stack.jacobian(self._reduced.at(q).position) @ v
-                errors = reference.at(t).velocity - rates
-            else:
-                value, coordinates = goal_values(call, self._reduced, q)
-                errors = coordinates.difference(reference.at(t).position, value)
-            by_name = dict(zip(names, np.abs(errors).tolist(), strict=True))
-            found.append(GoalError(f"task {index} ({', '.join(names)})", by_name, task.priority))
+        """Return the errors of all tasks at a time [s]; those of quasi-velocities need a velocity."""
+        errors = (each.error(self._reduced, t, q, v) for each in self._followed)
+        found = [each for each in errors if each is not None]
         robot = self._reduced.robot
         for index, posture in self._postures:
             away = np.abs(pin.difference(robot.model, q, robot.configuration(posture.joints)))
             by_name = {name: float(away[robot.velocity_indices(name)].max()) for name in posture.joints}
             found.append(GoalError(f"task {index} (posture of {', '.join(by_name)})", by_name, posture.priority))
         return found
-
-
-def goal_values(call: PartialCall[ControlTask], reduced: ReducedModel, q: Array) -> tuple[Array, Coordinates]:
-    """Values that the reference of a task describes, at a configuration (nq,)."""
-    stack = goal_stack(call, reduced)
-    if stack is not None:
-        return stack.value(reduced.at(q).position), stack.coordinates
-    robot = reduced.robot
-    axes = [axis_index(axis) for axis in call.given.get("axes", CenterOfMassTask.axes)]
-    center = pin.centerOfMass(robot.model, robot.model.createData(), q)
-    return np.array(center[axes]), Coordinates(
-        [False] * len(axes), names=[f"center_of_mass_{'xyz'[axis]}" for axis in axes]
-    )
-
-
-def goal_stack(call: PartialCall[ControlTask], reduced: ReducedModel) -> OutputStack | None:
-    """Outputs that the reference of a task describes; None for the centre of mass."""
-    given = call.given
-    if call.kind is CenterOfMassTask:
-        return None
-    kinds: list[OutputKind]
-    if call.kind is BasePoseTask:
-        kinds = [FramePosition(given["frame"], "xy"), FrameYaw(given["frame"])]
-    else:
-        kinds = [given["output"]]
-    return OutputStack([kind.bind(reduced.robot) for kind in kinds])
 
 
 MIN_SINGULAR_VALUE = 0.01

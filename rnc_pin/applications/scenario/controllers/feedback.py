@@ -20,14 +20,13 @@ from rnc_pin.applications.scenario.controllers.context import (
     reduced_velocity,
     refuse_or_warn,
 )
-from rnc_pin.applications.scenario.schema.derived import part
 from rnc_pin.applications.scenario.schema.kinds import OutputItem
-from rnc_pin.applications.scenario.schema.motions import LimitItem, Limits, MotionProblem, WeightSetting
+from rnc_pin.applications.scenario.schema.motions import FileLimitSettings, Limits, MotionProblem, WeightSetting
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
 from rnc_pin.control import ActuatorVelocityController, Controller, KinematicController, StateFeedback
 from rnc_pin.errors import ConfigurationError, RncError, nearest
-from rnc_pin.io import Numbers, wrong
-from rnc_pin.model import OutputKind, Positive, ReducedModel
+from rnc_pin.io import wrong
+from rnc_pin.model import NotNegative, OutputKind, Positive, ReducedModel
 from rnc_pin.motion import optimal
 from rnc_pin.motion.planning import Joined, OutputTarget, Reference, WaySettings, find_way
 from rnc_pin.simulation import obstacles_passed
@@ -126,35 +125,42 @@ def _limits(given: Mapping[str, Limits]) -> tuple[dict[str, float], dict[str, fl
     return lower, {name: np.inf if high is None else float(high) for name, (_, high) in given.items()}
 
 
-_Weights = float | Numbers | dict[str, float]
+class StateFeedbackSettings(ControllerSettings):
+    """Linear-quadratic regulator about the equilibrium or steady motion nearest to the initial configuration.
 
-
-_STATES = Field(description="Weights of states: one number, one for each, or by name. Names of rates end in ``_dot``.")
-_INPUTS = Field(description="Weights of the actuators' inputs: one number, one for each, or a mapping by name.")
-_HELD = Field(description="Joints whose equilibrium position is their initial position.")
-_EQUILIBRIUM = part(equilibrium, "hold", "cyclic", forms={"hold": Annotated[list[str], _HELD]})
-_LINEAR = part(linearize, "coordinates", "rates", forms={"coordinates": list[str | OutputItem] | None})
-_COSTS = {"state_cost": Annotated[_Weights, _STATES], "input_cost": Annotated[_Weights, _INPUTS]}
-_REGULATOR = part(lqr, *_COSTS, forms=_COSTS)
-
-
-class StateFeedbackSettings(ControllerSettings, _EQUILIBRIUM.model, _LINEAR.model, _REGULATOR.model):  # type: ignore[name-defined, misc]
-    """Linear-quadratic regulator about the equilibrium or steady motion nearest to the initial configuration."""
+    Attributes:
+        type: linear-quadratic regulator, for systems with fewer actuators than velocities. It uses the model.
+        v2: rates of reducing outputs in the steady motion, by name; the initial rates by default.
+        state_cost: weights of states: one number, one for each, or by name. Names of rates end in ``_dot``.
+        input_cost: weights of the actuators' inputs: one number, one for each, or a mapping by name.
+        coordinates: configuration part of the state: outputs, or entries of ``v`` by name (``robot.velocity_names``).
+            An entry of ``v`` is a small motion of that joint; ``"root_joint[3]"`` is the roll of a free base in its own
+            axes. By default all entries of ``v``, as perturbations in a frame that moves along with the motion; of
+            those that holonomic rows relate, such as heights of wheels, as many as they leave free.
+        rates: names of the reducing outputs whose rates are states; all of them by default.
+        hold: joints whose equilibrium position is their initial position.
+        cyclic: joints, or entries of v by name, that may move although the dynamics depend on them, such as a slightly
+            unbalanced wheel. The motion is then steady at their present position only.
+    """
 
     follows: ClassVar[frozenset[str]] = frozenset({"primary", "redundant"})
 
     type: Literal["state_feedback"]
-    """Linear-quadratic regulator, for systems with fewer actuators than velocities. It uses the model."""
     v2: dict[str, float] | None = None
-    """Rates of reducing outputs in the steady motion, by name; the initial rates by default."""
+    state_cost: WeightSetting
+    input_cost: WeightSetting = 1.0
+    coordinates: list[str | OutputItem] | None = None
+    rates: list[str] | None = None
+    hold: list[str] = []
+    cyclic: list[str] = []
 
     def _build(self, context: ControllerContext) -> BuiltController:
         reduced = context.reduced
         v2 = context.v2_0 if self.v2 is None else reduced_velocity(reduced, self.v2, "controller.v2")
         with RncError.at("controller"):
-            found = _EQUILIBRIUM.build(self, reduced=reduced, guess=context.q0, v2=v2)
-            linear = _LINEAR.build(self, reduced=reduced, q=found.q, v2=v2, T=found.T, cyclic=self.cyclic)
-            K = _REGULATOR.build(self, linear=linear)
+            found = equilibrium(reduced, context.q0, self.hold, v2, self.cyclic)
+            linear = linearize(reduced, found.q, v2, found.T, self.coordinates, self.rates, self.cyclic)
+            K = lqr(linear, self.state_cost, self.input_cost)
             check_sampling(linear, K, context.simulation.dt)
         parts: list[Reference] = [getattr(context, which) for which in context.given]
         names = [name for which in context.given for name in getattr(context.task, f"{which}_names")]
@@ -164,31 +170,42 @@ class StateFeedbackSettings(ControllerSettings, _EQUILIBRIUM.model, _LINEAR.mode
         return BuiltController(StateFeedback(linear, K, reference, names), complaints)
 
 
-REGULATOR = *_COSTS, "frequency"
-_TVLQR = part(optimal.tvlqr, *REGULATOR, forms=dict.fromkeys(_COSTS, _Weights | None))
-_FEEDBACK = part(optimal.PlanFeedback, "bandwidth")
+class PlanFeedbackSettings(ControllerSettings):
+    """Feedback along the plan of ``planner``: its own gains, or those of a time-varying linear-quadratic regulator.
 
-
-class PlanFeedbackSettings(ControllerSettings, _TVLQR.model, _FEEDBACK.model):  # type: ignore[name-defined, misc]
-    """Feedback along the plan of ``planner``: its own gains, or those of a time-varying linear-quadratic regulator."""
+    Attributes:
+        type: planned inputs with feedback. It uses the model.
+        gains: gains: "tvlqr", a regulator with a ``frequency`` or costs; or "plan", those of the costs of the plan.
+        state_cost: weights Q: a number, one for each state, or weights by name: entries of v, and reduced velocities
+            with "(rate)" after their names (``plan.info.state_names``). One if only R is given.
+        input_cost: weights R in the same forms, positive; one if only Q is given.
+        frequency: natural frequency without costs [rad/s].
+        bandwidth: decay rate of the velocity error in the kinematic form [1/s].
+    """
 
     follows: ClassVar[frozenset[str]] = frozenset()
     advice: ClassVar[str] = ", which follows the plan of 'planner'"
 
     type: Literal["plan_feedback"]
-    """Planned inputs with feedback. It uses the model."""
     gains: Literal["tvlqr", "plan"] = "tvlqr"
-    """Gains: "tvlqr", a regulator with a ``frequency`` or costs; or "plan", those of the costs of the plan."""
+    state_cost: WeightSetting | None = None
+    input_cost: WeightSetting | None = None
+    frequency: Positive = 10.0
+    bandwidth: Positive = 20.0
+
+    def regulator(self, reduced: ReducedModel, plan: optimal.MotionPlan) -> optimal.PlanFeedback:
+        """Time-varying linear-quadratic regulator about a plan."""
+        return optimal.tvlqr(reduced, plan, self.state_cost, self.input_cost, frequency=self.frequency)
 
     def _build(self, context: ControllerContext) -> BuiltController:
         reduced, plan = context.reduced, context.plan
         if plan is None:
             raise ConfigurationError("controller.type: 'plan_feedback' requires a plan: set 'planner'")
         with ConfigurationError.at("controller"):
-            controller = _FEEDBACK.build(self, reduced=reduced, plan=plan)
+            controller = optimal.PlanFeedback(reduced, plan, bandwidth=self.bandwidth)
             if self.gains != "plan":
-                found = _TVLQR.build(self, reduced=reduced, plan=plan)
-                controller = _FEEDBACK.build(self, reduced=reduced, plan=plan, K=found.K, weights=found.weights)
+                found = self.regulator(reduced, plan)
+                controller = optimal.PlanFeedback(reduced, plan, found.K, self.bandwidth, found.weights)
         passed = obstacles_passed(reduced.robot, plan.time, plan.q, context.obstacles)
         complaints = (
             *near_singular("the plan", reduced, plan.q),
@@ -198,26 +215,10 @@ class PlanFeedbackSettings(ControllerSettings, _TVLQR.model, _FEEDBACK.model):  
 
     @model_validator(mode="after")
     def _weights_belong_to_tvlqr(self) -> PlanFeedbackSettings:
-        for name in REGULATOR:
+        for name in ("state_cost", "input_cost", "frequency"):
             if self.gains == "plan" and name in self.model_fields_set:
                 raise wrong(name, "belongs to gains 'tvlqr'")
         return self
-
-
-_FORM = {"form": Literal["acceleration", "dynamic"]}
-_PLANS = "form", "nodes", "seeds", "tolerance", "tube", "check", "state_cost", "braking", "velocities"
-_POINT = part(optimal.SetPointController, *_PLANS, forms=_FORM)
-_WAY = part(find_way, "clearance", "seed", defaults={"clearance": 0.05})
-_FOLLOWING = part(optimal.WayFollower, *optimal.WayFollower.described)
-_PREDICTIVE = part(optimal.PredictiveController, "horizon", "form", "nodes", forms=_FORM)
-_COST = part(
-    optimal.SetPointCost,
-    "weight",
-    "velocity_weight",
-    "precision",
-    forms=dict.fromkeys(("weight", "velocity_weight"), WeightSetting),
-)
-_SCHEDULE = part(optimal.UpdateSchedule, "period", "iterations", "delay", "budget")
 
 
 class _ToGoal(ControllerSettings):
@@ -228,93 +229,184 @@ class _ToGoal(ControllerSettings):
 
     def _build(self, context: ControllerContext) -> BuiltController:
         with ConfigurationError.at("controller"):
-            made = self._controller(context)
-            if getattr(self, "velocities", False):
-                servos = ActuatorVelocityController(context.reduced, cast(KinematicController, made))
-                return BuiltController(servos, ())
-        return BuiltController(cast(Controller, made), ())
+            return BuiltController(self._controller(context))
 
     @abstractmethod
-    def _controller(
-        self, context: ControllerContext
-    ) -> optimal.SetPointController | optimal.PredictiveController | optimal.WayFollower: ...
+    def _controller(self, context: ControllerContext) -> Controller: ...
 
 
 class _ToSetPoint(_ToGoal, MotionProblem):
-    """Goal and bounds of a controller to a set point."""
+    """Goal and bounds of a controller to a set point.
+
+    Attributes:
+        goal: values at rest by names of outputs, which determine a configuration. An orientation needs all its rows.
+    """
 
     goal: Annotated[dict[str, float], Field(min_length=1)]
-    """Values at rest by names of outputs, which determine a configuration. An orientation needs all its rows."""
 
 
-class SetPointSettings(_ToSetPoint, _POINT.model):  # type: ignore[name-defined, misc]
-    """Plans to a goal at rest with feedback: one at the start, and another where the feedback would miss the goal."""
+class SetPointSettings(_ToSetPoint):
+    """Plans to a goal at rest with feedback: one at the start, and another where the feedback would miss the goal.
+
+    Attributes:
+        type: plans to a goal at rest, and follows them with feedback. It uses the model.
+        duration: duration of a plan [s], or its shortest and longest value.
+        limits: limits of the robot's file that plans keep; null for none.
+        form: "kinematic", "acceleration" or "dynamic", as in ``plan``.
+        nodes: number of intervals.
+        seeds: number of random guesses of each search.
+        tolerance: error at rest above which it plans again [m or rad].
+        tube: predicted error at the end of a plan from which it plans again [m or rad]. Outputs and distances beyond
+            their bounds on the way by more count too.
+        check: time between two checks [s].
+        state_cost: weight of each state in the gains of the feedback.
+        braking: decay rate of the velocity while it brakes or stands [1/s].
+        velocities: True for a kinematic controller, whose steps return velocities, for robots that take these: the
+            target of an ``ActuatorVelocityController``. The form is "acceleration", so that bounds of inputs limit the
+            rates of velocities.
+    """
 
     type: Literal["set_point"]
-    """Plans to a goal at rest, and follows them with feedback. It uses the model."""
     duration: Positive | Annotated[list[Positive], Field(min_length=2, max_length=2)]
-    """Duration of a plan [s], or its shortest and longest value."""
-    limits: LimitItem | None = Field({}, validate_default=True)
-    """Limits of the robot's file that plans keep; null for none."""
+    limits: FileLimitSettings | None = Field({}, validate_default=True)
+    form: Literal["acceleration", "dynamic"] = "dynamic"
+    nodes: int = 40
+    seeds: int = 6
+    tolerance: Positive = 0.005
+    tube: Positive = 0.05
+    check: Positive = 0.25
+    state_cost: Positive = 10.0
+    braking: Positive = 4.0
+    velocities: bool = False
 
-    def _controller(self, context: ControllerContext) -> optimal.SetPointController:
-        duration = tuple(self.duration) if isinstance(self.duration, list) else self.duration
-        return _POINT.build(
-            self,
-            reduced=context.reduced,
-            goal=goal_of(self.goal, context.outputs, context.reduced),
-            duration=duration,
+    @property
+    def velocity_command(self) -> str:
+        return "velocities: true" if self.velocities else ""
+
+    def _controller(self, context: ControllerContext) -> Controller:
+        made = optimal.SetPointController(
+            context.reduced,
+            goal_of(self.goal, context.outputs, context.reduced),
+            (self.duration[0], self.duration[1]) if isinstance(self.duration, list) else self.duration,
+            form=self.form,
             bounds=list(bounds_of(self, context.reduced, context.obstacles, context.q0, self.tolerance)),
-            limits=self.limits,
+            limits=None if self.limits is None else self.limits.build(),
+            nodes=self.nodes,
+            seeds=self.seeds,
+            tolerance=self.tolerance,
+            tube=self.tube,
+            check=self.check,
+            state_cost=self.state_cost,
+            braking=self.braking,
+            velocities=self.velocities,
         )
+        # Its steps return what ``velocities`` says, which its type does not tell.
+        if self.velocities:
+            return ActuatorVelocityController(context.reduced, cast(KinematicController, made))
+        return cast(Controller, made)
 
 
-class PredictiveSettings(_ToSetPoint, _PREDICTIVE.model, _COST.model, _SCHEDULE.model):  # type: ignore[name-defined, misc]
-    """Model-predictive control to a goal at rest, with the cost of its set point."""
+class PredictiveSettings(_ToSetPoint):
+    """Model-predictive control to a goal at rest, with the cost of its set point.
+
+    Attributes:
+        type: model-predictive control to a goal at rest. It uses the model.
+        effort: weight of the inputs of the form: one number, one for each, or a mapping by name.
+        equality: True if the goal holds at the end of the horizon too, which has to be long enough to reach it.
+        horizon: duration of the motion [s].
+        form: "acceleration" or "dynamic".
+        nodes: number of intervals.
+        weight: weight of each coordinate; by name of ``rnc.analysis.privileged_coordinates``.
+        velocity_weight: weight of squared reduced velocities, in the forms that have them as state.
+        precision: homogeneous norm below which the residuals are smooth [m or rad].
+        period: time between updates [s].
+        iterations: iterations of an update.
+        delay: time from a measurement to its input [s].
+        budget: processor time of an update [s]; null for no limit, which gives repeatable runs.
+    """
 
     type: Literal["predictive"]
-    """Model-predictive control to a goal at rest. It uses the model."""
     effort: WeightSetting = 0.01
-    """Weight of the inputs of the form: one number, one for each, or a mapping by name."""
     equality: bool = False
-    """True if the goal holds at the end of the horizon too, which has to be long enough to reach it."""
+    horizon: float
+    form: Literal["acceleration", "dynamic"] = "dynamic"
+    nodes: int = 20
+    weight: WeightSetting = 1.0
+    velocity_weight: WeightSetting = 1.0
+    precision: float = 0.02
+    period: float = 0.05
+    iterations: int = 1
+    delay: float = 0.0
+    budget: float | None = None
 
-    def _controller(self, context: ControllerContext) -> optimal.PredictiveController:
+    def _controller(self, context: ControllerContext) -> Controller:
         goal = goal_of(self.goal, context.outputs, context.reduced)
-        return _PREDICTIVE.build(
-            self,
-            reduced=context.reduced,
-            costs=[_COST.build(self, goal=goal), optimal.EffortCost(self.effort)],
+        cost = optimal.SetPointCost(goal, self.weight, self.velocity_weight, precision=self.precision)
+        return optimal.PredictiveController(
+            context.reduced,
+            [cost, optimal.EffortCost(self.effort)],
+            self.horizon,
+            form=self.form,
             bounds=list(bounds_of(self, context.reduced, context.obstacles, context.q0, _ACCURACY)),
-            updates=_SCHEDULE.build(self),
+            nodes=self.nodes,
+            updates=optimal.UpdateSchedule(self.period, self.iterations, self.delay, self.budget),
             goal=goal if self.equality else None,
         )
 
 
-class WayFollowerSettings(_ToGoal, _WAY.model, _FOLLOWING.model):  # type: ignore[name-defined, misc]
-    """A way to a goal at rest around the obstacles, found before the run and followed."""
+class WayFollowerSettings(_ToGoal):
+    """A way to a goal at rest around the obstacles, found before the run and followed.
 
-    velocities: ClassVar[bool] = True
+    Attributes:
+        type: a way to a goal around obstacles that stand, and a controller that follows it. It commands velocities.
+        goal: values at rest by names of outputs. An orientation needs all its rows.
+        links: True to check links of the robot against each other too.
+        clearance: smallest distance to obstacles [m]. The check has a tolerance of 1 mm, or 1 % of the largest link.
+        seed: seed of all random choices.
+        acceleration: largest rate of each entry of the velocity along the way [m/s^2 or rad/s^2].
+        speed: share of the velocity of the way that is used.
+        tube: distance of the robot from the way at which it stops [m or rad].
+        tolerance: error at the end above which a run has missed its goal [m or rad].
+        state_cost: weight of the distance from the way in the gains of the feedback.
+    """
 
     type: Literal["way"]
-    """A way to a goal around obstacles that stand, and a controller that follows it. It commands velocities."""
     goal: Annotated[dict[str, float], Field(min_length=1)]
-    """Values at rest by names of outputs. An orientation needs all its rows."""
     links: bool = True
-    """True to check links of the robot against each other too."""
+    clearance: NotNegative = 0.05
+    seed: int = 0
+    acceleration: Positive = 0.5
+    speed: Positive = 0.8
+    tube: Positive = 0.05
+    tolerance: Positive = 0.02
+    state_cost: Positive = 10.0
 
-    def _controller(self, context: ControllerContext) -> optimal.WayFollower:
+    @property
+    def velocity_command(self) -> str:
+        return f"type: '{self.type}'"
+
+    def _controller(self, context: ControllerContext) -> Controller:
         goal = goal_of(self.goal, context.outputs, context.reduced)
-        way = _WAY.build(
-            self,
-            reduced=context.reduced,
-            q0=context.q0,
-            goal=goal,
-            obstacles=context.obstacles,
+        way = find_way(
+            context.reduced,
+            context.q0,
+            goal,
+            context.obstacles,
             selection=PairSelection(links=self.links),
+            clearance=self.clearance,
             settings=replace(WAY_SEARCH, improve=_FURTHER),
+            seed=self.seed,
         )
-        return _FOLLOWING.build(self, reduced=context.reduced, way=way)
+        follower = optimal.WayFollower(
+            context.reduced,
+            way,
+            acceleration=self.acceleration,
+            speed=self.speed,
+            tube=self.tube,
+            tolerance=self.tolerance,
+            state_cost=self.state_cost,
+        )
+        return ActuatorVelocityController(context.reduced, follower)
 
 
 FeedbackTypes = (

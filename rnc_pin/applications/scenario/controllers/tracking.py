@@ -13,8 +13,9 @@ from rnc_pin import control
 from rnc_pin.applications.scenario.controllers.base import (
     AdaptationSettings,
     ControllerSettings,
-    preset_gains,
+    Gain,
     sized_gain,
+    sized_gains,
 )
 from rnc_pin.applications.scenario.controllers.context import (
     BuiltController,
@@ -22,60 +23,93 @@ from rnc_pin.applications.scenario.controllers.context import (
     TaskGoals,
     check_motion,
 )
-from rnc_pin.applications.scenario.schema.derived import Entry, PartialCall, part
-from rnc_pin.applications.scenario.schema.motions import GoalPose
+from rnc_pin.applications.scenario.schema.motions import Pose
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.io import wrong
-from rnc_pin.model import NotNegative, Task
+from rnc_pin.io import Strict, wrong
+from rnc_pin.model import NotNegative, Positive, Task
 from rnc_pin.motion.planning import Joined, Reference, ReferencePoint
 
-_POSITION_GAINS = preset_gains(control.PositionGains, "k1", "k2", "gamma", "beta", "sigma")
-_ACTIVE = part(control.JacobianTransposeController, "active")
-_POSITION = Field(min_length=2, max_length=2, description="Names of the vertical outputs x and y of the platform.")
-_BEGIN = Annotated[NotNegative, Field(description="Start time of the second phase [s].")]
-_FORMS = {"goal": GoalPose, "position": Annotated[list[str], _POSITION], "begin": _BEGIN}
-_PLATFORM = part(control.UnicycleStabilizer, "goal", "position", "begin", keys={"goal": "to"}, forms=_FORMS)
-PlatformItem = Annotated[PartialCall[control.UnicycleStabilizer], _PLATFORM]
-"""Goal of a unicycle platform in the second phase."""
+
+class PlatformSettings(Strict):
+    """Goal of a unicycle platform in the second phase.
+
+    Attributes:
+        to: goal pose: x, y [m] and heading [rad].
+        position: names of the vertical outputs x and y of the platform.
+        begin: start time of the second phase [s].
+    """
+
+    to: Pose
+    position: Annotated[list[str], Field(min_length=2, max_length=2)]
+    begin: NotNegative = 0.0
 
 
-class JacobianTransposeSettings(ControllerSettings, _POSITION_GAINS.model, _ACTIVE.model):  # type: ignore[name-defined, misc]
-    """Tracking of the primary outputs by the ``active`` actuators, without velocity measurements: (8)-(9)."""
+class PostureSettings(Strict):
+    """Objective that keeps redundant outputs near a reference: ``z = x22d_dot + k (x22d - x22)``.
+
+    Attributes:
+        k: gain [1/s]; a number or one for each output. 0 for outputs without a desired position.
+    """
+
+    k: Gain = 1.0
+
+
+class JacobianTransposeSettings(ControllerSettings):
+    """Tracking of the primary outputs by the ``active`` actuators, without velocity measurements: (8)-(9).
+
+    Attributes:
+        type: position tracker (8)-(9) on the ``active`` actuators; the others are off.
+        active: actuators that are on, by name; at least as many as outputs.
+        k1: gain of the filtered error w, which replaces the rate (8); one number, or one for each output.
+        k2: gain of the error (8); one number, or one for each output.
+        gamma: rate of the filter (8) [1/s].
+        beta: adaptation gain (9); one number, or one for each output.
+        sigma: leak rate of the adapted values [1/s].
+    """
 
     follows: ClassVar[frozenset[str]] = frozenset({"primary"})
 
     type: Literal["jacobian_transpose"]
-    """Position tracker (8)-(9) on the ``active`` actuators; the others are off."""
+    active: list[str]
+    k1: Gain | None = None
+    k2: Gain | None = None
+    gamma: Positive | None = None
+    beta: Gain | None = None
+    sigma: NotNegative | None = None
 
     def _build(self, context: ControllerContext) -> BuiltController:
         task, reduced, outputs = context.task, context.reduced, context.task.primary
+        own = {"k1": self.k1, "k2": self.k2, "gamma": self.gamma, "beta": self.beta, "sigma": self.sigma}
         with ConfigurationError.at("controller"):
             gains = control.design_position_gains(
                 partial(control.effective_inertia, reduced, outputs=outputs, active=self.active),
                 context.q0,  # undriven outputs drift, so the region of motion is unknown
                 context.simulation.dt,
-                control.GainDesign(self.preset, overrides=self.tracker_gains(control.PositionGains, len(outputs))),
+                control.GainDesign(self.preset, overrides=sized_gains(len(outputs), **own)),
             )
         tracker = control.PositionTracker(context.primary, gains, outputs=outputs, angular=task.primary_coordinates)
         return BuiltController(control.JacobianTransposeController(reduced, tracker, self.active))
 
 
 class TwoPhaseSettings(AdaptationSettings):
-    """Class 3: (8)-(9) moves the primary outputs and then holds them while a point stabiliser drives the platform."""
+    """Class 3: (8)-(9) moves the primary outputs and then holds them while a point stabiliser drives the platform.
+
+    Attributes:
+        type: class 3: (8)-(9) for the primary outputs, then a point stabiliser for the platform.
+        platform: goal pose and start time of the platform: position, to, begin.
+    """
 
     follows: ClassVar[frozenset[str]] = frozenset({"primary"})
 
     type: Literal["two_phase"]
-    """Class 3: (8)-(9) for the primary outputs, then a point stabiliser for the platform."""
-    platform: PlatformItem
-    """Goal pose and start time of the platform: position, to, begin."""
+    platform: PlatformSettings
 
     def _build(self, context: ControllerContext) -> BuiltController:
         task, reduced, goal = context.task, context.reduced, self.platform
         x2 = reduced.reducing
         if len(task.redundant) != 2 or not x2.quasi[task.redundant[0]] or not x2.angular[task.redundant[1]]:
             raise ConfigurationError("task.redundant: two_phase requires forward speed and yaw of the platform")
-        position = Task.of(reduced, task.primary_names, task.redundant_names, goal.given["position"]).vertical
+        position = Task.of(reduced, task.primary_names, task.redundant_names, goal.position).vertical
         hand_gains, platform_gains = self._gains(context)
         force = self.holding_force(context)
         hand = control.PositionTracker(
@@ -85,9 +119,10 @@ class TwoPhaseSettings(AdaptationSettings):
             gravity_compensation=None if force is None else force[task.primary],
         )
         outer = control.OUTER_GAINS[self.preset]
-        stabilizer = goal.build(
-            goal=np.array(goal.given["goal"]),
-            position=position,
+        stabilizer = control.UnicycleStabilizer(
+            np.array(goal.to),
+            position,
+            goal.begin,
             k=outer.k,
             rate=outer.rate,
             tolerance=outer.tolerance,
@@ -100,7 +135,7 @@ class TwoPhaseSettings(AdaptationSettings):
         """Gains of the hand's tracker and of the platform's tracker, from the inertia at the initial configuration."""
         reduced, primary, redundant = context.reduced, context.task.primary, context.task.redundant
         start, dt = context.q0[None], context.simulation.dt
-        dead_zone = sized_gain("dead_zone", self.dead_zone, reduced.r)
+        dead_zone = sized_gains(reduced.r, dead_zone=self.dead_zone)["dead_zone"]
         design = control.GainDesign(self.preset, delay=self.delay)
         still = dead_zone[redundant] if isinstance(dead_zone, np.ndarray) else dead_zone
         driven = replace(design, adaptation=self.adaptation, overrides={"dead_zone": still})
@@ -112,20 +147,30 @@ class TwoPhaseSettings(AdaptationSettings):
         return hand, platform
 
 
-_BANDWIDTH = part(control.GainDesign, "bandwidth")
-_VELOCITY_GAINS = preset_gains(control.VelocityGains, "k", "beta", "sigma")
-_K21, _K3, _K4 = (preset_gains(control.OuterGains, name) for name in ("k21", "k3", "k4"))
+class VelocityTrackerSettings(AdaptationSettings):
+    """Settings of controllers that compute rates of the reducing outputs, which a tracker follows.
 
-
-class VelocityTrackerSettings(AdaptationSettings, _BANDWIDTH.model, _VELOCITY_GAINS.model, _K21.model):  # type: ignore[name-defined, misc]
-    """Settings of controllers that compute rates of the reducing outputs, which a tracker follows."""
+    Attributes:
+        tracker: velocity tracker: adaptive (10), or computed torque with the model. Computed torque uses only ``k``. It
+            ignores ``beta``, ``sigma``, ``dead_zone``, ``bandwidth``, ``adaptation`` and ``delay``. "velocity": none;
+            the rates become velocity commands of the actuators, for a plant with ``servo_time``. It uses no gain of a
+            tracker.
+        k21: gain on primary outputs [1/s]; one number, or one for each. Zero for the paper, which uses x21d_dot in open
+            loop.
+        k: gain of the velocity error [force per velocity]; one number, or one for each reducing output.
+        beta: adaptation gain (10); one number, or one for each reducing output.
+        sigma: leak rate of the adapted values [1/s].
+        bandwidth: for "scaled": bandwidth of the velocity loop [rad/s]; by default the largest that sampling allows.
+    """
 
     scaled_only: ClassVar[tuple[str, ...]] = (*AdaptationSettings.scaled_only, "bandwidth")
 
     tracker: Literal["adaptive", "computed_torque", "velocity"] = "adaptive"
-    """Velocity tracker: adaptive (10), or computed torque with the model. Computed torque uses only ``k``. It ignores
-    ``beta``, ``sigma``, ``dead_zone``, ``bandwidth``, ``adaptation`` and ``delay``. "velocity": none; the rates become
-    velocity commands of the actuators, for a plant with ``servo_time``. It uses no gain of a tracker."""
+    k21: Gain | None = None
+    k: Gain | None = None
+    beta: Gain | None = None
+    sigma: NotNegative | None = None
+    bandwidth: Positive | None = None
 
     def track(
         self,
@@ -149,24 +194,26 @@ class VelocityTrackerSettings(AdaptationSettings, _BANDWIDTH.model, _VELOCITY_GA
         margins, complaints = check_motion(context, kinematic, task, horizon)
         built = partial(BuiltController, warnings=complaints, goals=goals)
         if self.tracker == "computed_torque":
-            gain = sized_gain("k", self.k, reduced.r)
-            k = {} if gain is None else {"k": gain}
+            k = {} if self.k is None else {"k": sized_gain("k", self.k, reduced.r)}
             return built(control.ComputedTorque(reduced, kinematic, **k))
         if self.tracker == "velocity":
             with ConfigurationError.at("controller"):
                 return built(control.ActuatorVelocityController(reduced, kinematic))
         # The results of a run are useful even if it ends in a singular configuration.
         region, times = (margins.q, margins.time) if margins.singular is None else (q0[None], None)
+        own = {"k": self.k, "beta": self.beta, "sigma": self.sigma, "dead_zone": self.dead_zone}
         with ConfigurationError.at("controller"):
-            design = control.GainDesign(
-                self.preset,
-                self.bandwidth,
-                self.adaptation,
-                self.delay,
-                overrides=self.tracker_gains(control.VelocityGains, reduced.r),
-            )
-            gains = control.design_velocity_gains(reduced, region, context.simulation.dt, design, times=times)
-        return built(control.VelocityTracker(kinematic, gains, self.holding_force(context)))
+            rates, gains = (self.bandwidth, self.adaptation, self.delay), sized_gains(reduced.r, **own)
+            design = control.GainDesign(self.preset, *rates, overrides=gains)
+            designed = control.design_velocity_gains(reduced, region, context.simulation.dt, design, times=times)
+        return built(control.VelocityTracker(kinematic, designed, self.holding_force(context)))
+
+    @property
+    def velocity_command(self) -> str:
+        return "tracker: 'velocity'" if self.tracker == "velocity" else ""
+
+    def _k21(self, task: Task) -> float | np.ndarray:
+        return sized_gain("k21", self.outer.k21 if self.k21 is None else self.k21, len(task.primary))
 
     @model_validator(mode="after")
     def _check_tracker(self) -> VelocityTrackerSettings:
@@ -178,17 +225,22 @@ class VelocityTrackerSettings(AdaptationSettings, _BANDWIDTH.model, _VELOCITY_GA
         return self
 
 
-class RedundancySettings(VelocityTrackerSettings, _K3.model):  # type: ignore[name-defined, misc]
-    """Class 1: redundant outputs move so that the vertical ones follow their reference; (12), velocity tracker."""
+class RedundancySettings(VelocityTrackerSettings):
+    """Class 1: redundant outputs move so that the vertical ones follow their reference; (12), velocity tracker.
+
+    Attributes:
+        type: class 1: (12) over a velocity tracker; with unknown masses or wheels (16) and (20).
+        posture: stay near a posture, for tasks with more redundant than vertical outputs (wide A4):
+            ``reference.redundant``, by default the initial values of the redundant outputs.
+        k3: gain on vertical outputs (12) [1/s]; one number, or one for each.
+    """
 
     follows: ClassVar[frozenset[str]] = frozenset({"primary", "vertical"})
     advice: ClassVar[str] = "; controller.posture follows it"
 
     type: Literal["redundancy"]
-    """Class 1: (12) over a velocity tracker; with unknown masses or wheels (16) and (20)."""
-    posture: Annotated[PartialCall[control.Posture], Entry(control.Posture, late=("task", "reference"))] | None = None
-    """Stay near a posture, for tasks with more redundant than vertical outputs (wide A4): ``reference.redundant``, by
-    default the initial values of the redundant outputs."""
+    posture: PostureSettings | None = None
+    k3: Gain | None = None
 
     @property
     def followed(self) -> frozenset[str]:
@@ -206,59 +258,64 @@ class RedundancySettings(VelocityTrackerSettings, _K3.model):  # type: ignore[na
         task, posture = context.task, None
         with ConfigurationError.at("controller.posture"):
             if self.posture is not None:
-                posture = self.posture.build(task=task, reference=context.redundant)
+                posture = control.Posture(task, context.redundant, self.posture.k)
         kinematic = control.RedundancyController(
             task,
             context.primary,
             context.vertical,
-            k3=self.outer_gain("k3", len(task.vertical)),
-            k21=self.outer_gain("k21", len(task.primary)),
+            k3=sized_gain("k3", self.outer.k3 if self.k3 is None else self.k3, len(task.vertical)),
+            k21=self._k21(task),
             secondary=posture,
         )
         return self.track(context, kinematic, task)
 
 
 class ReducingOutputsSettings(VelocityTrackerSettings):
-    """Each reducing output follows its own reference; the vertical outputs are not controlled."""
+    """Each reducing output follows its own reference; the vertical outputs are not controlled.
+
+    Attributes:
+        type: tracking of all reducing outputs, over a velocity tracker.
+    """
 
     # Comparisons show the error of vertical outputs without control, so their reference is accepted.
     follows: ClassVar[frozenset[str]] = frozenset({"primary", "redundant", "vertical"})
 
     type: Literal["reducing_outputs"]
-    """Tracking of all reducing outputs, over a velocity tracker."""
 
     def _build(self, context: ControllerContext) -> BuiltController:
         task = context.task
         reference = _Reordered(
             Joined([context.primary, context.redundant]), np.argsort(np.concatenate([task.primary, task.redundant]))
         )
-        gain = sized_gain("k21", self.k21, task.r)
-        k2 = {} if gain is None else {"k2": gain}
+        k2 = {} if self.k21 is None else {"k2": sized_gain("k21", self.k21, task.r)}
         kinematic = control.ReducingOutputController(context.reduced, reference, **k2, monitored=context.monitored)
         return self.track(context, kinematic)
 
 
-class SteeringSettings(VelocityTrackerSettings, _K3.model, _K4.model):  # type: ignore[name-defined, misc]
-    """Class 2s: the angles of redundant outputs, not their rates, move the vertical ones; over a velocity tracker."""
+class SteeringSettings(VelocityTrackerSettings):
+    """Class 2s: the angles of redundant outputs, not their rates, move the vertical ones; over a velocity tracker.
+
+    Attributes:
+        type: class 2s: backstepping through the steering angle, over a velocity tracker.
+        k4: rate at which a steering angle follows its desired value [1/s]; several times k3.
+        k3: gain on vertical outputs (12) [1/s]; one number, or one for each.
+    """
 
     follows: ClassVar[frozenset[str]] = frozenset({"primary", "vertical"})
 
     type: Literal["steering"]
-    """Class 2s: backstepping through the steering angle, over a velocity tracker."""
+    k4: Positive | None = None
+    k3: Gain | None = None
 
     def _build(self, context: ControllerContext) -> BuiltController:
-        kinematic = control.SteeringController(
-            context.reduced,
-            context.task,
-            context.primary,
-            context.slithering or context.vertical,
-            control.OuterGains(
-                k3=self.outer_gain("k3", len(context.task.vertical)),
-                k4=float(self.outer_gain("k4")),
-                k21=self.outer_gain("k21", len(context.task.primary)),
-            ),
-            monitored=context.monitored,
+        task = context.task
+        gains = control.OuterGains(
+            k3=sized_gain("k3", self.outer.k3 if self.k3 is None else self.k3, len(task.vertical)),
+            k4=self.outer.k4 if self.k4 is None else self.k4,
+            k21=self._k21(task),
         )
+        references = context.primary, context.slithering or context.vertical
+        kinematic = control.SteeringController(context.reduced, task, *references, gains, monitored=context.monitored)
         return self.track(context, kinematic)
 
 

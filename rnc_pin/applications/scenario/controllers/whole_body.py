@@ -5,8 +5,8 @@ To add a task or a limit, add its class to ``TaskItem`` or ``LimitSettings``.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
-from functools import partial
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -16,17 +16,19 @@ from rnc_pin.applications.scenario.controllers.base import ControllerSettings
 from rnc_pin.applications.scenario.controllers.context import (
     BuiltController,
     ControllerContext,
+    FollowedGoal,
     TaskGoals,
-    goal_values,
     refuse_or_warn,
 )
 from rnc_pin.applications.scenario.controllers.tracking import VelocityTrackerSettings
-from rnc_pin.applications.scenario.schema.derived import Entry, PartialCall, one_of, part
+from rnc_pin.applications.scenario.schema.derived import ClassReader, one_of
 from rnc_pin.applications.scenario.schema.kinds import OutputItem
-from rnc_pin.applications.scenario.schema.motions import HOLD, ReferenceItem
+from rnc_pin.applications.scenario.schema.motions import ReferenceItem
 from rnc_pin.collision import Obstacle, PairSelection
 from rnc_pin.errors import RncError
 from rnc_pin.io import Strict
+from rnc_pin.model import NotNegative, OutputKind, OutputStack, Positive
+from rnc_pin.motion.planning import Reference
 from rnc_pin.motion.whole_body import InverseDynamicsQP, VelocityQP
 from rnc_pin.motion.whole_body.limits import (
     AccelerationLimit,
@@ -46,57 +48,152 @@ from rnc_pin.motion.whole_body.tasks import (
     PostureTask,
     SingularityTask,
 )
+from rnc_pin.outputs import CenterOfMass, FramePosition, FrameYaw
 
-_VELOCITIES, _INPUTS = part(VelocityQP, "damping"), part(InverseDynamicsQP, "velocity_gain", "friction", "braking_time")
-_entry = partial(Entry, forms={"output": OutputItem, "reference": ReferenceItem})
-_following = partial(_entry, defaults={"reference": HOLD}, incomplete=True)
-"""Entry of a task with a reference, which starts at the initial configuration."""
+_Weight = float | list[float]
+
+
+class _FollowingTask(Strict):
+    """Task with a reference, which starts at the initial values of its outputs.
+
+    Attributes:
+        weight: weight of the squared error within the same priority; a number, or one for each row.
+        gain: rate of convergence [1/s]; a number, or one for each row.
+        priority: level of the task. Level 0 is strictly above level 1, and so on.
+        reference: its reference.
+    """
+
+    weight: _Weight = 1.0
+    gain: _Weight = 1.0
+    priority: int = 0
+    reference: ReferenceItem = Field({"hold": {}}, validate_default=True)
+
+    @property
+    @abstractmethod
+    def outputs(self) -> list[OutputKind]:
+        """Outputs that the reference describes."""
+
+    @abstractmethod
+    def build(self, reference: Reference) -> ControlTask:
+        """Build the task."""
+
+
+class OutputTaskSettings(_FollowingTask):
+    """Output that follows a reference: ``J v = xd_dot + gain (xd - x)``.
+
+    Attributes:
+        output: the output, e.g. ``rnc.FramePosition("hand")``.
+    """
+
+    output: OutputItem
+
+    @property
+    def outputs(self) -> list[OutputKind]:
+        return [self.output]
+
+    def build(self, reference: Reference) -> OutputTask:
+        return OutputTask(self.output, reference, weight=self.weight, gain=self.gain, priority=self.priority)
+
+
+class BasePoseSettings(_FollowingTask):
+    """Frame of a base that follows a reference pose (x, y, yaw) in the plane.
+
+    Attributes:
+        frame: frame of the base, with x forward.
+        reference: of x, y [m] and yaw [rad].
+        lateral_gain: yaw rate per forward speed and lateral error [rad/m^2].
+    """
+
+    frame: str
+    lateral_gain: NotNegative = 0.0
+
+    @property
+    def outputs(self) -> list[OutputKind]:
+        return [FramePosition(self.frame, "xy"), FrameYaw(self.frame)]
+
+    def build(self, reference: Reference) -> BasePoseTask:
+        given = self.frame, reference, self.lateral_gain
+        return BasePoseTask(*given, weight=self.weight, gain=self.gain, priority=self.priority)
+
+
+class CenterOfMassSettings(_FollowingTask):
+    """Centre of mass of the robot that follows a reference in the world.
+
+    Attributes:
+        reference: of the coordinates [m].
+        axes: world axes, e.g. "xy" or "xyz".
+    """
+
+    axes: str = "xyz"
+
+    @property
+    def outputs(self) -> list[OutputKind]:
+        return [CenterOfMass(self.axes)]
+
+    def build(self, reference: Reference) -> CenterOfMassTask:
+        return CenterOfMassTask(reference, self.axes, weight=self.weight, gain=self.gain, priority=self.priority)
+
 
 TaskItem = Annotated[
-    ControlTask | PartialCall[ControlTask],
+    ControlTask | _FollowingTask,
     one_of(
-        output=_following(OutputTask),
-        posture=_entry(PostureTask),
-        base_pose=_following(BasePoseTask),
-        center_of_mass=_following(CenterOfMassTask),
-        damping=_entry(DampingTask),
-        singularity=_entry(SingularityTask),
+        output=OutputTaskSettings,
+        posture=PostureTask,
+        base_pose=BasePoseSettings,
+        center_of_mass=CenterOfMassSettings,
+        damping=DampingTask,
+        singularity=SingularityTask,
     ),
 ]
 
 
-_AVOIDANCE = Entry(CollisionAvoidance, late=("obstacles", "selection", "q0", "priority"))
-_PAIRS = Entry(PairSelection, late=("pairs", "disabled"))
+class CollisionSettings(Strict):
+    """Distances between links of the robot, and to the obstacles of the scenario.
 
+    Attributes:
+        links: True to check links against each other; obstacles always count.
+        clearance: distance that remains [m].
+        influence: distance from which a pair is slowed down [m]; larger than the clearance. To stop from an approach of
+            speed u, it takes ``u^2 / (2 a) + a / (2 rate^2)`` more than the clearance.
+        rate: largest rate of approach over remaining distance [1/s].
+        deceleration: deceleration a of an approach [m/s^2]; by default from the effort limits.
+    """
 
-class CollisionSettings(_AVOIDANCE.model, _PAIRS.model):  # type: ignore[name-defined, misc]
-    """Distances between links of the robot, and to the obstacles of the scenario."""
+    links: bool = True
+    clearance: NotNegative = 0.02
+    influence: Positive = 0.15
+    rate: Positive = 5.0
+    deceleration: Positive | None = None
 
     def build(self, obstacles: Sequence[Obstacle], q0: np.ndarray) -> CollisionAvoidance:
         """Limit of a robot that is free of collisions at a configuration (nq,)."""
-        return _AVOIDANCE.build(self, obstacles=obstacles, selection=_PAIRS.build(self), q0=q0)
+        pairs, distances = PairSelection(links=self.links), (self.clearance, self.influence, self.rate)
+        return CollisionAvoidance(*distances, obstacles, pairs, q0, self.deceleration)
 
 
 class LimitSettings(Strict):
-    """Limits of whole-body control. Null removes a limit."""
+    """Limits of whole-body control. Null removes a limit.
 
-    joint_position: Annotated[JointPositionLimit, Entry(JointPositionLimit)] | None = JointPositionLimit()
-    """Position limits of joints, from the robot's file by default."""
-    joint_velocity: Annotated[JointVelocityLimit, Entry(JointVelocityLimit)] | None = JointVelocityLimit()
-    """Velocity limits of joints, from the robot's file by default."""
-    acceleration: Annotated[AccelerationLimit, Entry(AccelerationLimit)] | None = None
-    """Accelerations of the reduced velocities or of joints."""
-    base_speed: Annotated[BaseSpeedLimit, Entry(BaseSpeedLimit)] | None = None
-    """Norm of the horizontal velocity of a base."""
-    regions: list[Annotated[RegionLimit, Entry(RegionLimit)]] = []
-    """Convex regions in which frames stay."""
+    Attributes:
+        joint_position: position limits of joints, from the robot's file by default.
+        joint_velocity: velocity limits of joints, from the robot's file by default.
+        acceleration: accelerations of the reduced velocities or of joints.
+        base_speed: norm of the horizontal velocity of a base.
+        regions: convex regions in which frames stay.
+        collision: distances between links of the robot, and to obstacles; by default they count if the scenario has
+            obstacles.
+    """
+
+    joint_position: Annotated[JointPositionLimit, ClassReader(JointPositionLimit)] | None = JointPositionLimit()
+    joint_velocity: Annotated[JointVelocityLimit, ClassReader(JointVelocityLimit)] | None = JointVelocityLimit()
+    acceleration: Annotated[AccelerationLimit, ClassReader(AccelerationLimit)] | None = None
+    base_speed: Annotated[BaseSpeedLimit, ClassReader(BaseSpeedLimit)] | None = None
+    regions: list[Annotated[RegionLimit, ClassReader(RegionLimit)]] = []
     collision: CollisionSettings | None = None
-    """Distances between links of the robot, and to obstacles; by default they count if the scenario has obstacles."""
 
     def build(self, context: ControllerContext) -> list[ControlLimit]:
         """Limits of a run. Distances count by default if there are obstacles, and the robot has shapes."""
-        values = [getattr(self, name) for name in type(self).model_fields]
-        items = [item for value in values for item in (value if isinstance(value, list) else [value])]
+        items = [item for _, value in self for item in (value if isinstance(value, list) else [value])]
         found: list[ControlLimit] = [item for item in items if isinstance(item, ControlLimit)]
         wanted, geometry = self.collision, context.reduced.robot.collision_model if context.obstacles else None
         if "collision" not in self.model_fields_set and geometry is not None and len(geometry.geometryObjects):
@@ -107,64 +204,91 @@ class LimitSettings(Strict):
 
 
 class WholeBodySettings(ControllerSettings):
-    """Tasks and limits of whole-body control."""
+    """Tasks and limits of whole-body control.
+
+    Attributes:
+        tasks: tasks, each with weight, gain and priority. References start at the initial values.
+        limits: limits; by default position and velocity limits of the robot's file, and distances to obstacles.
+    """
 
     follows: ClassVar[frozenset[str]] = frozenset()
     advice: ClassVar[str] = "; each task has its own reference"
 
     tasks: Annotated[list[TaskItem], Field(min_length=1)]
-    """Tasks, each with weight, gain and priority. References start at the initial values."""
     limits: LimitSettings = LimitSettings()
-    """Limits; by default position and velocity limits of the robot's file, and distances to obstacles."""
 
-    def _tasks(self, context: ControllerContext) -> list[ControlTask]:
-        """Build the tasks, and raise errors with their place in the file."""
-        tasks = []
+    def _tasks(self, context: ControllerContext) -> tuple[list[ControlTask], TaskGoals]:
+        """Build the tasks and their goals, and raise errors with their place in the file."""
+        reduced, followed, tasks = context.reduced, list[FollowedGoal](), list[ControlTask]()
         for index, item in enumerate(self.tasks):
             with RncError.at(f"controller.tasks.{index}"):
-                task = item if isinstance(item, ControlTask) else _task(item, context)
-                task.bind(context.reduced)
+                if isinstance(item, ControlTask):
+                    task = item
+                else:
+                    stack = OutputStack([kind.bind(reduced.robot) for kind in item.outputs])
+                    start = stack.value(reduced.at(context.q0).position)
+                    reference = item.reference.from_start(start, stack.coordinates)
+                    task = item.build(reference)
+                    followed.append(FollowedGoal(index, item.priority, reference, stack))
+                task.bind(reduced)
             tasks.append(task)
-        return tasks
+        return tasks, TaskGoals(followed, tasks, reduced)
 
 
-class VelocityProgramSettings(WholeBodySettings, VelocityTrackerSettings, _VELOCITIES.model):  # type: ignore[name-defined, misc]
-    """Whole-body control: tasks within limits as a quadratic program, over a velocity tracker."""
+class VelocityProgramSettings(WholeBodySettings, VelocityTrackerSettings):
+    """Whole-body control: tasks within limits as a quadratic program, over a velocity tracker.
+
+    Attributes:
+        type: tasks within limits as a quadratic program in the reduced velocities, over a velocity tracker.
+        damping: cost of the reduced velocity beside the tasks at every level, as the root of a weight. It bounds the
+            velocity near singular configurations, and zero follows the tasks exactly.
+    """
 
     type: Literal["qp"]
-    """Tasks within limits as a quadratic program in the reduced velocities, over a velocity tracker."""
+    damping: NotNegative = 0.0
 
     def _build(self, context: ControllerContext) -> BuiltController:
-        tasks, limits = self._tasks(context), self.limits.build(context)
+        (tasks, goals), limits = self._tasks(context), self.limits.build(context)
         with RncError.at("controller.limits"):
-            program = _VELOCITIES.build(self, reduced=context.reduced, tasks=tasks, limits=limits)
-        goals = TaskGoals(self.tasks, tasks, context.reduced)
+            program = VelocityQP(context.reduced, tasks, limits, damping=self.damping)
         return self.track(context, program, horizon=context.simulation.seconds, goals=goals)
 
 
-class InverseDynamicsSettings(WholeBodySettings, _INPUTS.model):  # type: ignore[name-defined, misc]
-    """Whole-body control with efforts: tasks within limits as a quadratic program in the inputs, with the model."""
+class InverseDynamicsSettings(WholeBodySettings):
+    """Whole-body control with efforts: tasks within limits as a quadratic program in the inputs, with the model.
+
+    Attributes:
+        type: tasks within limits of motion, effort and grip as a quadratic program in the inputs. It uses the model.
+        velocity_gain: rate at which velocity errors of tasks decay [1/s]; the rest of the motion comes to rest at the
+            same rate.
+        friction: coefficient of friction of the ground, for the friction cone of each contact; null if only normal
+            forces have a limit.
+        braking_time: longest braking motion that is verified [s]; null for no verification.
+    """
 
     type: Literal["inverse_dynamics"]
-    """Tasks within limits of motion, effort and grip as a quadratic program in the inputs. It uses the model."""
+    velocity_gain: Positive = 20.0
+    friction: Positive | None = None
+    braking_time: Positive | None = 2.0
 
     def _build(self, context: ControllerContext) -> BuiltController:
         reduced, simulation = context.reduced, context.simulation
-        tasks, limits = self._tasks(context), self.limits.build(context)
+        (tasks, goals), limits = self._tasks(context), self.limits.build(context)
         with RncError.at("controller.limits"):
-            program = _INPUTS.build(self, reduced=reduced, tasks=tasks, limits=limits, dt=simulation.dt)
+            program = InverseDynamicsQP(
+                reduced,
+                tasks,
+                limits,
+                dt=simulation.dt,
+                velocity_gain=self.velocity_gain,
+                friction=self.friction,
+                braking_time=self.braking_time,
+            )
         v2 = np.zeros(reduced.r) if context.v2_0 is None else context.v2_0
         problem = program.braking_problem(0.0, context.q0, v2)
         unsafe = () if problem is None else (f"no braking motion from the start keeps all limits: {problem}",)
         complaints = refuse_or_warn(context.preflight, unsafe)
-        return BuiltController(program, complaints, goals=TaskGoals(self.tasks, tasks, reduced))
-
-
-def _task(call: PartialCall[ControlTask], context: ControllerContext) -> ControlTask:
-    """Task whose reference starts at the initial values of its outputs."""
-    start, coordinates = goal_values(call, context.reduced, context.q0)
-    reference = call.given["reference"].from_start(start, coordinates)
-    return call.build(reference=reference)
+        return BuiltController(program, complaints, goals=goals)
 
 
 WholeBodyTypes = VelocityProgramSettings | InverseDynamicsSettings

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import AfterValidator, Field
 
 from rnc_pin import constraints, outputs
-from rnc_pin.applications.scenario.schema.derived import Entry, one_of
+from rnc_pin.applications.scenario.schema.derived import ClassReader, one_of
 from rnc_pin.applications.scenario.schema.motions import ReferenceItem
 from rnc_pin.forces import Damper, SmoothFriction, Spring, Wrench
 from rnc_pin.io import Numbers, Strict
@@ -35,10 +35,10 @@ _Plane = Annotated[constraints.GroundPlane, one_of(plane=constraints.GroundPlane
 OutputItem = Annotated[
     OutputKind,
     one_of(
-        joint=Entry(outputs.JointPosition, short="joint"),
+        joint=ClassReader(outputs.JointPosition, short="joint"),
         frame_position=outputs.FramePosition,
-        frame_orientation=Entry(outputs.FrameOrientation, short="frame"),
-        frame_yaw=Entry(outputs.FrameYaw, short="frame"),
+        frame_orientation=ClassReader(outputs.FrameOrientation, short="frame"),
+        frame_yaw=ClassReader(outputs.FrameYaw, short="frame"),
         distance=outputs.Distance,
         center_of_mass=outputs.CenterOfMass,
         frame_speed=outputs.FrameSpeed,
@@ -49,32 +49,42 @@ OutputItem = Annotated[
 
 
 class Outputs(Strict):
-    """Reducing outputs x2 and vertical outputs x1."""
+    """Reducing outputs x2 and vertical outputs x1.
+
+    Attributes:
+        reducing: reducing outputs x2; their rates are the reduced velocity.
+        vertical: vertical outputs x1.
+    """
 
     reducing: Annotated[list[OutputItem], Field(min_length=1)]
-    """Reducing outputs x2; their rates are the reduced velocity."""
     vertical: list[OutputItem] = []
-    """Vertical outputs x1."""
 
 
 class TaskOutputs(Strict):
-    """Roles of the outputs in the task, by the names of their rows (``tip_x``)."""
+    """Roles of the outputs in the task, by the names of their rows (``tip_x``).
+
+    Attributes:
+        primary: reducing outputs that follow the primary reference; all if neither primary nor redundant outputs are
+            given.
+        redundant: reducing outputs that the controller uses to move the vertical outputs.
+        vertical: vertical outputs of the task; all by default.
+    """
 
     primary: list[str] = []
-    """Reducing outputs that follow the primary reference; all if neither primary nor redundant outputs are given."""
     redundant: list[str] = []
-    """Reducing outputs that the controller uses to move the vertical outputs."""
     vertical: list[str] | None = None
-    """Vertical outputs of the task; all by default."""
 
 
 class _MotionArguments(Strict):
-    """Motion over time."""
+    """Motion over time.
+
+    Attributes:
+        start: values of the output at time zero [m or rad]; zeros for a speed.
+        reference: motion from there, of the output or of the integral of a speed.
+    """
 
     start: Numbers
-    """Values of the output at time zero [m or rad]; zeros for a speed."""
     reference: ReferenceItem
-    """Motion from there, of the output or of the integral of a speed."""
 
 
 def _motion(given: _MotionArguments) -> Reference:
@@ -85,17 +95,17 @@ def _motion(given: _MotionArguments) -> Reference:
 ConstraintItem = Annotated[
     ConstraintKind,
     one_of(
-        momentum=Entry(constraints.MomentumConservation, short="joint"),
-        no_side_slip=Entry(constraints.NoSideSlip, forms={"ground": _Plane}),
-        rolling_wheel=Entry(constraints.RollingWheel, forms={"ground": GroundItem}),
-        rolling_ball=Entry(constraints.RollingBall, forms={"ground": GroundItem}),
-        rolling_body=Entry(constraints.RollingBody, forms={"shape": _Shape, "ground": GroundItem}),
-        caster=Entry(constraints.Caster, forms={"ground": _Plane}),
+        momentum=ClassReader(constraints.MomentumConservation, short="joint"),
+        no_side_slip=ClassReader(constraints.NoSideSlip, forms={"ground": _Plane}),
+        rolling_wheel=ClassReader(constraints.RollingWheel, forms={"ground": GroundItem}),
+        rolling_ball=ClassReader(constraints.RollingBall, forms={"ground": GroundItem}),
+        rolling_body=ClassReader(constraints.RollingBody, forms={"shape": _Shape, "ground": GroundItem}),
+        caster=ClassReader(constraints.Caster, forms={"ground": _Plane}),
         ackermann=constraints.AckermannSteering,
         joint_coupling=constraints.JointCoupling,
         loop_closure=constraints.LoopClosure,
-        fixed_output=Entry(constraints.FixedOutput, forms={"output": OutputItem, "value": float | Numbers}),
-        prescribed_motion=Entry(
+        fixed_output=ClassReader(constraints.FixedOutput, forms={"output": OutputItem, "value": float | Numbers}),
+        prescribed_motion=ClassReader(
             constraints.PrescribedMotion,
             forms={"output": OutputItem, "motion": Annotated[_MotionArguments, AfterValidator(_motion)]},
         ),
@@ -103,7 +113,7 @@ ConstraintItem = Annotated[
 ]
 
 
-ContactItem = Annotated[UnilateralContact, Entry(UnilateralContact, forms={"constraint": ConstraintItem})]
+ContactItem = Annotated[UnilateralContact, ClassReader(UnilateralContact, forms={"constraint": ConstraintItem})]
 
 
 def with_ground(given: Sequence[ConstraintKind], ground: _Ground) -> list[ConstraintKind]:
@@ -120,15 +130,16 @@ def with_ground(given: Sequence[ConstraintKind], ground: _Ground) -> list[Constr
     ]
 
 
+_ON_OUTPUT = {"output": OutputItem}
 ActuatorItem = Annotated[Actuator, one_of(True, force=FrameForce, torque=FrameTorque, differential=OpenDifferential)]
 
 
 ForceItem = Annotated[
     ForceKind,
     one_of(
-        spring=Entry(Spring, forms={"output": OutputItem}),
-        damper=Entry(Damper, forms={"output": OutputItem}),
-        smooth_friction=Entry(SmoothFriction, forms={"output": OutputItem}),
+        spring=ClassReader(Spring, forms=_ON_OUTPUT),
+        damper=ClassReader(Damper, forms=_ON_OUTPUT),
+        smooth_friction=ClassReader(SmoothFriction, forms=_ON_OUTPUT),
         wrench=Wrench,
     ),
 ]

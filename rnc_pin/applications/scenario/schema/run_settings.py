@@ -4,40 +4,64 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import AfterValidator, Discriminator, Field, RootModel, Tag
 
 from rnc_pin.analysis import Grip
-from rnc_pin.applications.scenario.schema.derived import NAME, Content, Entry, PartialCall
+from rnc_pin.applications.scenario.schema.derived import NAME, Content
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.io import LIST, Strict
-from rnc_pin.model import Positive
-from rnc_pin.plants import ReducedPlant
+from rnc_pin.model import Positive, ReducedModel
 from rnc_pin.simulation import Stop
 
-_FORMS = {"substeps": Annotated[int, Field(ge=1)] | None, "tolerance": Positive}
-_PLANT = Entry(ReducedPlant, late=("reduced",), forms=_FORMS)
-_STOP = Entry(Stop, late=("speed", "lift_off"))
-GripItem = Annotated[PartialCall[Grip], Entry(Grip, late=("reduced",))]
-"""Friction of the ground."""
+
+class GripSettings(Strict):
+    """Friction that constraints need: the norm of their force along the ground over ``friction`` times the load.
+
+    Attributes:
+        friction: coefficient of friction of the ground.
+    """
+
+    friction: Positive
+
+    def build(self, reduced: ReducedModel) -> Grip:
+        return Grip(reduced, self.friction)
 
 
-class SimulationSettings(_PLANT.model, _STOP.model):  # type: ignore[name-defined, misc]
-    """Duration and steps of the simulation, and the effects of a real robot that it includes."""
+class SimulationSettings(Strict):
+    """Duration and steps of the simulation, and the effects of a real robot that it includes.
 
+    Attributes:
+        position_limits: True ends the run if a joint leaves its position limits in the robot's file.
+        joint_damping: True for the viscous joint damping of the robot's file.
+        actuator_limits: True to clip inputs to the effort limits of the robot's file and of the actuators.
+        joint_friction: True for the dry joint friction of the robot's file, with stiction.
+        substeps: integration steps in one call of ``advance``, which is a sampling period. By default as many as the
+            tolerance asks for: 1, 2, 4 and so on.
+        tolerance: largest error that the integration adds in a second, on any entry of configuration and velocity [m,
+            rad, m/s or rad/s].
+        duration: simulated time [s], or "plan" for the whole samples of the plan of ``planner``, the default with one.
+        dt: sampling period of the controller [s].
+        on_lift_off: action if a contact with the ground would have to pull: "ignore" only reports it, "stop" ends the
+            run.
+    """
+
+    position_limits: bool = False
+    joint_damping: bool = False
+    actuator_limits: bool = False
+    joint_friction: bool = False
+    substeps: Annotated[int, Field(ge=1)] | None = None
+    tolerance: Positive = 1e-7
     duration: Positive | Literal["plan"] = "plan"
-    """Simulated time [s], or "plan" for the whole samples of the plan of ``planner``, the default with one."""
     dt: Positive = 0.002
-    """Sampling period of the controller [s]."""
     on_lift_off: Literal["ignore", "stop"] = "ignore"
-    """Action if a contact with the ground would have to pull: "ignore" only reports it, "stop" ends the run."""
 
     @property
-    def plant_options(self) -> dict[str, Any]:
-        """Arguments of ``ReducedPlant`` by name."""
-        return _PLANT.given(self)
+    def plant_options(self) -> tuple[bool, bool, bool, int | None, float]:
+        """Arguments of ``ReducedPlant`` after the model, and of ``ContactPlant`` after the contacts."""
+        return self.joint_damping, self.actuator_limits, self.joint_friction, self.substeps, self.tolerance
 
     @property
     def seconds(self) -> float:
@@ -58,7 +82,7 @@ class SimulationSettings(_PLANT.model, _STOP.model):  # type: ignore[name-define
     @property
     def stop(self) -> Stop:
         """Conditions that end the run early."""
-        return _STOP.build(self, lift_off=self.on_lift_off == "stop")
+        return Stop(position_limits=self.position_limits, lift_off=self.on_lift_off == "stop")
 
 
 def _ordered(ends: list[float]) -> list[float]:
@@ -87,10 +111,13 @@ class UniformRange(RootModel[Ends]):
 
 
 class LogUniformDistribution(Strict):
-    """Uniform distribution of the logarithm."""
+    """Uniform distribution of the logarithm.
+
+    Attributes:
+        log_uniform: minimum, greater than zero, and maximum.
+    """
 
     log_uniform: Annotated[Ends, AfterValidator(_positive)]
-    """Minimum, greater than zero, and maximum."""
 
     def draw(self, generator: np.random.Generator) -> float:
         low, high = self.log_uniform
@@ -101,12 +128,15 @@ class LogUniformDistribution(Strict):
 
 
 class NormalSettings(Strict):
-    """Mean and standard deviation."""
+    """Mean and standard deviation.
+
+    Attributes:
+        mean: mean.
+        std: standard deviation.
+    """
 
     mean: float
-    """Mean."""
     std: Positive
-    """Standard deviation."""
 
 
 class NormalDistribution(Strict):
@@ -122,10 +152,13 @@ class NormalDistribution(Strict):
 
 
 class IntegerDistribution(Strict):
-    """Uniform distribution over integers."""
+    """Uniform distribution over integers.
+
+    Attributes:
+        integers: minimum and maximum; both can be drawn.
+    """
 
     integers: Annotated[list[int], Field(min_length=2, max_length=2), AfterValidator(_ordered)]
-    """Minimum and maximum; both can be drawn."""
 
     def draw(self, generator: np.random.Generator) -> int:
         low, high = self.integers
@@ -136,10 +169,13 @@ class IntegerDistribution(Strict):
 
 
 class ChoiceDistribution(Strict):
-    """Choice among values, all equally probable."""
+    """Choice among values, all equally probable.
+
+    Attributes:
+        choice: values: numbers, texts, lists or mappings.
+    """
 
     choice: Annotated[list[Content], Field(min_length=1)]
-    """Values: numbers, texts, lists or mappings."""
 
     def draw(self, generator: np.random.Generator) -> Content:
         return self.choice[int(generator.integers(len(self.choice)))]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
@@ -12,37 +13,92 @@ from pydantic import BaseModel, BeforeValidator, Field, TypeAdapter, model_valid
 
 from rnc_pin.applications.scenario.controllers import TYPES, ControllerItem
 from rnc_pin.applications.scenario.schema import kinds
-from rnc_pin.applications.scenario.schema.derived import Content, Entry, FileName, PartialCall
+from rnc_pin.applications.scenario.schema.derived import ClassReader, Content, FileName, checked
 from rnc_pin.applications.scenario.schema.motions import OptimalPlanner, References
-from rnc_pin.applications.scenario.schema.run_settings import Distribution, GripItem, SimulationSettings
+from rnc_pin.applications.scenario.schema.run_settings import Distribution, GripSettings, SimulationSettings
 from rnc_pin.applications.scenario.schema.world import ObstacleItem, RobotSource
 from rnc_pin.constraints import GroundPlane
-from rnc_pin.control.loop import LoopSettings
+from rnc_pin.control.loop import LoopOptions
 from rnc_pin.errors import nearest
 from rnc_pin.figures import Sheet, Size
 from rnc_pin.interruption import nothing_to_keep
 from rnc_pin.io import LIST, Json, Strict, validated
 from rnc_pin.lab.mujoco import MuJoCoSettings
+from rnc_pin.lab.mujoco.settings import Integrator, Stance
 from rnc_pin.model import ConstraintKind, NonholonomicSystem, NotNegative, OutputKind, Positive, ReducedModel
 from rnc_pin.plants import Faults, StuckJoint
 from rnc_pin.verdict import FindingKind
 from rnc_pin.visualization import View
 
-_MUJOCO, _FAULTS = Entry(MuJoCoSettings), Entry(Faults)
-_LOOP = {"max_speed": Positive | None, "min_singular_value": NotNegative | None, "brake": Positive | None}
-LoopItem = Annotated[
-    PartialCall[LoopSettings], Entry(LoopSettings, late=("limits", "deadline"), optional=("fallback",), forms=_LOOP)
-]
-"""Control loop around the controller: velocity estimation, supervision and safe commands."""
+
+class ControlLoopSettings(Strict):
+    """Options of a control loop.
+
+    Attributes:
+        velocity: "measured"; or "observer": estimated from configurations by a fading-memory filter, without lag at
+            constant acceleration.
+        cutoff: cutoff frequency of the velocity estimate [rad/s]; 0.3 / dt by default.
+        fallback: safe command: "hold" the last inputs, "brake" (``F = -brake diag(H) v2``, with the inertia of the
+            model), "zero", or "raise" the error. The default of ``simulate`` and of scenarios is "raise" on the reduced
+            model without faults.
+        timeout: time for which the last inputs are held while measurements are invalid [s]; five steps by default.
+        max_speed: largest valid speed, of v and of the difference of two configurations over time [rad/s, m/s].
+        min_singular_value: limit for the smallest singular value of E. Below it the loop fails with a SingularityError
+            instead of a step.
+        brake: decay rate of the velocities under "brake" [1/s].
+    """
+
+    velocity: Literal["measured", "observer"] = "measured"
+    cutoff: Positive | None = None
+    fallback: Literal["hold", "brake", "zero", "raise"] | None = None
+    timeout: Positive | None = None
+    max_speed: Positive | None = 100.0
+    min_singular_value: NotNegative | None = 0.0
+    brake: Positive | None = 5.0
+
+    @property
+    def options(self) -> LoopOptions:
+        """Options that the file states: plants have defaults of their own for the others."""
+        stated = {name: value for name, value in self if name in self.model_fields_set and value is not None}
+        return cast(LoopOptions, stated)
 
 
-class PlantSettings(_MUJOCO.model):  # type: ignore[name-defined, misc]
-    """Simulated plant: the reduced model of rnc_pin, or the robot in MuJoCo."""
+class PlantSettings(Strict):
+    """Simulated plant: the reduced model of rnc_pin, or the robot in MuJoCo.
 
+    Attributes:
+        step: time step of MuJoCo [s]; reduced slightly so that the sampling period is a multiple of it.
+        integrator: "RK4" for motion without contacts, where it agrees with the reduced model to many digits;
+            "implicitfast", "implicit" and "Euler" are of first order and cheaper.
+        friction: friction coefficients of wheels and blades: sliding [1], torsional [m], rolling [m].
+        contact_time: time constant of contacts [s]; at least four steps, which is the default. The penetration under
+            the weight is 10 m/s^2 times its square.
+        stance: support of a vehicle whose model is planar. "free": six degrees of freedom; it can lean and tip.
+            "level": it moves vertically but cannot lean, so its wheels share the weight evenly. "auto": free if its
+            wheels carry it, level if it would tip.
+        casters: add frictionless supports to a vehicle of stance "free"; "auto" adds them if its wheels alone do not
+            carry it.
+        settling: time before a run in which the vehicle comes to rest on the ground with fixed joints [s].
+        joint_limits: enforce the position limits of the robot file.
+        joint_damping: apply the viscous joint damping of the robot file.
+        effort_limits: clip inputs to the limits of the actuators.
+        type: "reduced": the reduced model of rnc_pin; it has only ``servo_time``. "mujoco": MuJoCo with the other
+            settings.
+        servo_time: time constant of ideal velocity servos [s], for a controller whose commands are velocities.
+    """
+
+    step: float = 0.0005
+    integrator: Integrator = "RK4"
+    friction: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    contact_time: float = 0.0
+    stance: Stance = "auto"
+    casters: Literal["auto"] | bool = "auto"
+    settling: float = 0.2
+    joint_limits: bool = False
+    joint_damping: bool = False
+    effort_limits: bool = False
     type: Literal["reduced", "mujoco"] = "mujoco"
-    """"reduced": the reduced model of rnc_pin; it has only ``servo_time``. "mujoco": MuJoCo with the other settings."""
     servo_time: Positive | None = None
-    """Time constant of ideal velocity servos [s], for a controller whose commands are velocities."""
 
     @model_validator(mode="before")
     @classmethod
@@ -56,44 +112,65 @@ class PlantSettings(_MUJOCO.model):  # type: ignore[name-defined, misc]
             raise ValueError(f"'{others[0]}' belongs to the type 'mujoco'")
         if self.type == "mujoco" and self.servo_time is not None:
             raise ValueError("'servo_time' belongs to the type 'reduced'")
-        _MUJOCO.read(self)  # check them here: the error then names the place in the file
+        checked(lambda: self.settings)
         return self
 
     @property
     def settings(self) -> MuJoCoSettings:
         """Settings of MuJoCo."""
-        return _MUJOCO.build(self)
+        return MuJoCoSettings(**self.model_dump(exclude={"type", "servo_time"}))
 
 
-class FaultSettings(_FAULTS.model):  # type: ignore[name-defined, misc]
-    """Differences between the simulated plant and the model of the controller."""
+class FaultSettings(Strict):
+    """Differences between the simulated plant and the model of the controller.
 
+    Attributes:
+        position_noise: standard deviations [rad or m, rad/s or m/s].
+        velocity_noise: standard deviations [rad or m, rad/s or m/s].
+        counts: encoder counts per 2 pi rad or 2 pi m; positions are rounded to them.
+        delay: measurement delay [samples].
+        dropped: fraction of samples that are lost; the previous sample is repeated.
+        effort: input limit of every actuator [N or N m]; the loop knows it.
+        masses: largest relative error of the inertia of each body, as a fraction. The scenario's ``seed`` draws the
+            errors.
+        forces: springs, dampers, friction and wrenches that the model of the controller does not contain.
+        stuck: joint that locks; the model of the controller does not contain this.
+    """
+
+    position_noise: float = 0.0
+    velocity_noise: float = 0.0
+    counts: float | None = None
+    delay: int = 0
+    dropped: float = 0.0
+    effort: float | None = None
     masses: Annotated[float, Field(ge=0, lt=1)] = 0.0
-    """Largest relative error of the inertia of each body, as a fraction. The scenario's ``seed`` draws the errors."""
     forces: list[kinds.ForceItem] = []
-    """Springs, dampers, friction and wrenches that the model of the controller does not contain."""
-    stuck: Annotated[StuckJoint, Entry(StuckJoint)] | None = None
-    """Joint that locks; the model of the controller does not contain this."""
+    stuck: Annotated[StuckJoint, ClassReader(StuckJoint)] | None = None
 
     @model_validator(mode="after")
     def _suit(self) -> FaultSettings:
-        _FAULTS.read(self)
+        checked(lambda: self.faults)
         return self
 
     @property
     def faults(self) -> Faults:
         """Faults of sensors and actuators."""
-        return _FAULTS.build(self)
+        counts, effort = (math.inf if each is None else each for each in (self.counts, self.effort))
+        return Faults(self.position_noise, self.velocity_noise, counts, self.delay, self.dropped, effort)
 
 
 class Initial(Strict):
-    """Initial configuration and initial velocity."""
+    """Initial configuration and initial velocity.
+
+    Attributes:
+        q: joint to position: angle [rad] or displacement [m]. Planar base: (x, y, yaw). Free base: (x, y, z, quaternion
+            x, y, z, w). If position constraints do not hold there, only the joints that are not listed move to satisfy
+            them.
+        v2: reducing output to initial rate; zero for outputs that are not listed.
+    """
 
     q: dict[str, float | list[float]] = {}
-    """Joint to position: angle [rad] or displacement [m]. Planar base: (x, y, yaw). Free base: (x, y, z, quaternion x,
-    y, z, w). If position constraints do not hold there, only the joints that are not listed move to satisfy them."""
     v2: dict[str, float] = {}
-    """Reducing output to initial rate; zero for outputs that are not listed."""
 
 
 _Formats = Annotated[list[Literal["png", "pdf", "svg"]], Field(min_length=1)]
@@ -108,104 +185,119 @@ _FigureSize = Annotated[Literal["column", "page"] | tuple[Positive, Positive] | 
 
 
 class FigureSettings(Strict):
-    """Form of the pictures of a run."""
+    """Form of the pictures of a run.
+
+    Attributes:
+        formats: file formats. Each picture is written in all of them.
+        size: width of a column (3.4 inches) or of a page (7 inches) of a paper, or width and height [inches]. By
+            default pictures are for the screen. ``overview`` always is.
+        labels: text by name of an output, an input or an axis, such as ``{joint_1: "$\\theta_1$"}``.
+    """
 
     formats: _Formats = ["png"]
-    """File formats. Each picture is written in all of them."""
     size: _FigureSize = None
-    """Width of a column (3.4 inches) or of a page (7 inches) of a paper, or width and height [inches]. By default
-    pictures are for the screen. ``overview`` always is."""
     labels: dict[str, str] = {}
-    """Text by name of an output, an input or an axis, such as ``{joint_1: "$\\theta_1$"}``."""
 
 
 class PlotSettings(Strict):
-    """Plot of quantities over time."""
+    """Plot of quantities over time.
+
+    Attributes:
+        outputs: names of outputs, such as ``tip_x``, or quantities: ``top_view``, ``rates``, ``outputs``, ``errors``,
+            ``inputs``, ``estimates``, ``prediction_error``, ``normal_forces``, ``margin``.
+        title: title of the plot.
+        comparisons: labels of the comparisons in the plot; all by default.
+        formats: file formats of this plot; those of ``figures`` by default.
+        size: size of this plot; that of ``figures`` by default.
+    """
 
     outputs: Annotated[list[str], Field(min_length=1)]
-    """Names of outputs, such as ``tip_x``, or quantities: ``top_view``, ``rates``, ``outputs``, ``errors``, ``inputs``,
-    ``estimates``, ``prediction_error``, ``normal_forces``, ``margin``."""
     title: str | None = None
-    """Title of the plot."""
     comparisons: list[str] | None = None
-    """Labels of the comparisons in the plot; all by default."""
     formats: _Formats | None = None
-    """File formats of this plot; those of ``figures`` by default."""
     size: _FigureSize = None
-    """Size of this plot; that of ``figures`` by default."""
 
 
 class ScenarioFile(Strict):
-    """Complete scenario: robot, constraints, outputs, task, controller and simulation."""
+    """Complete scenario: robot, constraints, outputs, task, controller and simulation.
+
+    Attributes:
+        title: title in ``rnc-pin list`` and in plots.
+        robot: the robot.
+        obstacles: bodies in the world, at rest or with a motion: drawn, and compared with the robot in preflight and
+            summary.
+        ground: ground of all constraints that have none of their own; the plane z = 0 at rest by default.
+        constraints: constraints on the motion of the robot.
+        contacts: contacts with the ground that close when the robot lands and open when it lifts off; the model of the
+            controller does not contain them.
+        mimic: True to keep the mimic joints of the robot's file coupled to their drivers.
+        actuators: actuators: names of joints, or forces and torques on frames.
+        forces: springs, dampers, friction and wrenches, which plant and controller model both have.
+        outputs: reducing and vertical outputs. Without them, the reducing outputs are entries of ``v`` that are never
+            dependent.
+        task: roles of the outputs; by default all reducing outputs are primary.
+        initial: initial configuration and velocity.
+        reference: reference trajectories of the outputs.
+        planner: planner of a motion before the run: ``{type: optimal, goal: ..., duration: ...}``.
+        controller: type and gains of the controller; a run requires it.
+        simulation: duration and steps; a run requires it.
+        plant: simulated plant: "reduced" (default, the reduced model of rnc_pin) or "mujoco", or a mapping with
+            settings.
+        faults: differences between the simulated plant and the model of the controller.
+        loop: velocity estimation, supervision and safe commands of the control loop.
+        grip: friction of the ground; references before the run, and the forces of the run, are compared with it.
+        preflight: action if the check before the run finds a singular configuration on the reference, or a goal out of
+            reach.
+        goal_tolerance: error at the end of a run above which a goal is missed [m, rad]: preflight, warning and summary
+            name it.
+        accept: kinds of findings that do not fail a run, such as ``lift_off``. Say in a comment why they are
+            acceptable.
+        seed: seed of all random numbers.
+        comparisons: additional runs for comparison: label to dotted keys and their values.
+        presets: values for each preset of the controller: preset to dotted keys and their values. Options of the
+            command line take precedence.
+        variant: name of the entry of ``variants`` to run; none by default.
+        variants: variants of the scenario, such as other coordinates or another task: name to dotted keys and their
+            values.
+        sweep: values that ``rnc-pin sweep`` draws for each run: dotted key to [minimum, maximum] of a uniform
+            distribution, or to another distribution.
+        plots: plots to write: file name without extension to plot.
+        figures: formats, size and labels of the pictures.
+        view: camera and layers of the animation.
+    """
 
     title: str | None = None
-    """Title in ``rnc-pin list`` and in plots."""
     robot: RobotSource
-    """The robot."""
     obstacles: list[ObstacleItem] = []
-    """Bodies in the world, at rest or with a motion: drawn, and compared with the robot in preflight and summary."""
     ground: kinds.GroundItem = None
-    """Ground of all constraints that have none of their own; the plane z = 0 at rest by default."""
     constraints: list[kinds.ConstraintItem] = []
-    """Constraints on the motion of the robot."""
     contacts: list[kinds.ContactItem] = []
-    """Contacts with the ground that close when the robot lands and open when it lifts off; the model of the controller
-    does not contain them."""
     mimic: bool = True
-    """True to keep the mimic joints of the robot's file coupled to their drivers."""
     actuators: list[kinds.ActuatorItem] = []
-    """Actuators: names of joints, or forces and torques on frames."""
     forces: list[kinds.ForceItem] = []
-    """Springs, dampers, friction and wrenches, which plant and controller model both have."""
     outputs: kinds.Outputs | None = None
-    """Reducing and vertical outputs. Without them, the reducing outputs are entries of ``v`` that are never
-    dependent."""
     task: kinds.TaskOutputs = kinds.TaskOutputs()
-    """Roles of the outputs; by default all reducing outputs are primary."""
     initial: Initial = Initial()
-    """Initial configuration and velocity."""
     reference: References = References()
-    """Reference trajectories of the outputs."""
     planner: OptimalPlanner | None = None
-    """Planner of a motion before the run: ``{type: optimal, goal: ..., duration: ...}``."""
     controller: ControllerItem | None = None
-    """Type and gains of the controller; a run requires it."""
     simulation: SimulationSettings | None = None
-    """Duration and steps; a run requires it."""
     plant: PlantSettings | None = None
-    """Simulated plant: "reduced" (default, the reduced model of rnc_pin) or "mujoco", or a mapping with settings."""
     faults: FaultSettings | None = None
-    """Differences between the simulated plant and the model of the controller."""
-    loop: LoopItem | None = None
-    """Velocity estimation, supervision and safe commands of the control loop."""
-    grip: GripItem | None = None
-    """Friction of the ground; references before the run, and the forces of the run, are compared with it."""
+    loop: ControlLoopSettings | None = None
+    grip: GripSettings | None = None
     preflight: Literal["warn", "refuse"] = "warn"
-    """Action if the check before the run finds a singular configuration on the reference, or a goal out of reach."""
     goal_tolerance: Positive = 0.02
-    """Error at the end of a run above which a goal is missed [m, rad]: preflight, warning and summary name it."""
     accept: list[FindingKind] = []
-    """Kinds of findings that do not fail a run, such as ``lift_off``. Say in a comment why they are acceptable."""
     seed: Annotated[int, Field(ge=0)] = 0
-    """Seed of all random numbers."""
     comparisons: dict[str, dict[str, Content]] = {}
-    """Additional runs for comparison: label to dotted keys and their values."""
     presets: dict[Literal["paper", "scaled"], dict[str, Content]] = {}
-    """Values for each preset of the controller: preset to dotted keys and their values. Options of the command line
-    take precedence."""
     variant: str | None = None
-    """Name of the entry of ``variants`` to run; none by default."""
     variants: dict[str, dict[str, Content]] = {}
-    """Variants of the scenario, such as other coordinates or another task: name to dotted keys and their values."""
     sweep: dict[str, Distribution] = {}
-    """Values that ``rnc-pin sweep`` draws for each run: dotted key to [minimum, maximum] of a uniform distribution, or
-    to another distribution."""
     plots: dict[FileName, PlotSettings] = {}
-    """Plots to write: file name without extension to plot."""
     figures: FigureSettings = FigureSettings()
-    """Formats, size and labels of the pictures."""
-    view: Annotated[View, Entry(View)] = View()
-    """Camera and layers of the animation."""
+    view: Annotated[View, ClassReader(View)] = View()
 
     @property
     def listed_outputs(self) -> tuple[OutputKind, ...]:

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 from pydantic import Field, model_validator
 
-from rnc_pin.applications.scenario.schema.derived import Entry, one_of
+from rnc_pin.applications.scenario.schema.derived import one_of
 from rnc_pin.applications.scenario.schema.motions import ReferenceItem
 from rnc_pin.collision import Obstacle, ground_shape, load_map, load_mesh_shape
 from rnc_pin.errors import ConfigurationError, RncError, place_of
@@ -25,46 +25,53 @@ _Three = Annotated[list[float], Field(min_length=3, max_length=3)]
 
 
 class Attachment(Strict):
-    """Robot with a fixed base, mounted on a frame of another robot."""
+    """Robot with a fixed base, mounted on a frame of another robot.
+
+    Attributes:
+        robot: the mounted robot.
+        frame: frame of the carrying robot.
+        xyz: position of the base of the mounted robot in that frame [m].
+        rpy: roll, pitch and yaw of the base of the mounted robot in that frame [rad].
+    """
 
     robot: RobotSource
-    """The mounted robot."""
     frame: str
-    """Frame of the carrying robot."""
     xyz: _Three = [0.0, 0.0, 0.0]
-    """Position of the base of the mounted robot in that frame [m]."""
     rpy: _Three = [0.0, 0.0, 0.0]
-    """Roll, pitch and yaw of the base of the mounted robot in that frame [rad]."""
 
 
 class RobotSource(Strict):
-    """Source of the robot: one of ``urdf``, ``mjcf`` and ``example``."""
+    """Source of the robot: one of ``urdf``, ``mjcf`` and ``example``.
+
+    Attributes:
+        urdf: URDF or xacro file, relative to the scenario file, or the name of a file that rnc_pin contains.
+        mjcf: MJCF file, relative to the scenario file.
+        example: name of a robot of example-robot-data.
+        base: joint between the root link and the world. For an MJCF file the default is the base in the file.
+        package_dirs: further folders of files and packages that the robot's file may use, relative to the scenario
+            file.
+        xacro_arguments: arguments of a xacro file: name to value.
+        lock: joints to lock: name to position [rad or m].
+        masses: masses of links without a valid inertia: name to mass [kg], distributed over the geometry of the link.
+        armature: rotor inertia by joint, times the square of its gear ratio [kg m^2 or kg]; it replaces that of the file.
+        snap: True to correct rounded angles and axes of joints in the file to their exact values.
+        gravity: gravity vector in the world frame [m/s^2].
+        attach: robots mounted on this one.
+    """
 
     urdf: str | None = None
-    """URDF or xacro file, relative to the scenario file, or the name of a file that rnc_pin contains."""
     mjcf: str | None = None
-    """MJCF file, relative to the scenario file."""
     example: str | None = None
-    """Name of a robot of example-robot-data."""
     base: Literal["fixed", "planar", "free"] = "fixed"
-    """Joint between the root link and the world. For an MJCF file the default is the base in the file."""
     package_dirs: list[str] = []
-    """Further folders of files and packages that the robot's file may use, relative to the scenario file."""
     xacro_arguments: dict[str, str | float | bool] = {}
-    """Arguments of a xacro file: name to value."""
     lock: dict[str, float | list[float]] = {}
-    """Joints to lock: name to position [rad or m]."""
     masses: dict[str, float] = {}
-    """Masses of links without a valid inertia: name to mass [kg], distributed over the geometry of the link."""
     armature: dict[str, NotNegative] = {}
-    """Rotor inertia by joint, times the square of its gear ratio [kg m^2 or kg]; it replaces that of the file."""
     snap: bool = True
-    """True to correct rounded angles and axes of joints in the file to their exact values."""
     gravity: _Three | None = None
-    """Gravity vector in the world frame [m/s^2]."""
 
     attach: list[Attachment] = []
-    """Robots mounted on this one."""
 
     @model_validator(mode="after")
     def _one_source(self) -> RobotSource:
@@ -103,15 +110,29 @@ class RobotSource(Strict):
 
 
 _Sides = Annotated[list[Positive], Field(min_length=3, max_length=3)]
-_OBSTACLE = Entry(Obstacle, late=("shape", "name", "motion"), forms={"position": _Three})
-_MESH = Entry(load_mesh_shape, late=("path",), forms={"scale": float | _Three})
 
 
-class _Placed(_OBSTACLE.model):  # type: ignore[name-defined, misc]
+class _Placed(Strict):
+    """Obstacle at a place, at rest or in motion.
+
+    Attributes:
+        position: position of the shape's centre in the world (3,) [m]; of a mesh, of its file's origin; of a floor, of
+            a point on it.
+        yaw: rotation about the world's z [rad], after roll and pitch.
+        roll: rotation about x [rad].
+        pitch: rotation about y [rad].
+        ignored_links: names of links whose distances to this obstacle do not matter, such as wheels on a floor.
+        name: unique name; by default the shape and its number, such as ``box 1``.
+        motion: motion of x, y, z [m] and yaw [rad], from ``position`` and ``yaw``; at rest by default.
+    """
+
+    position: _Three = [0.0, 0.0, 0.0]
+    yaw: float = 0.0
+    roll: float = 0.0
+    pitch: float = 0.0
+    ignored_links: list[str] = []
     name: str | None = None
-    """Unique name; by default the shape and its number, such as ``box 1``."""
     motion: ReferenceItem | None = None
-    """Motion of x, y, z [m] and yaw [rad], from ``position`` and ``yaw``; at rest by default."""
 
     @abstractmethod
     def shape(self, folder: Path) -> coal.CollisionGeometry: ...
@@ -120,57 +141,75 @@ class _Placed(_OBSTACLE.model):  # type: ignore[name-defined, misc]
         start = np.array([*self.position, self.yaw])
         places = Coordinates([False, False, False, True], names=["x", "y", "z", "yaw"])
         motion = None if self.motion is None else self.motion.from_start(start, places)
-        return (_OBSTACLE.build(self, shape=self.shape(folder), name=name, motion=motion),)
+        shape, angles = self.shape(folder), (self.yaw, self.roll, self.pitch)
+        return (Obstacle(shape, self.position, *angles, name, motion, self.ignored_links),)
 
 
 class BoxObstacle(_Placed):
-    """Box."""
+    """Box.
+
+    Attributes:
+        size: length of the sides along x, y and z [m].
+    """
 
     size: _Sides
-    """Length of the sides along x, y and z [m]."""
 
     def shape(self, folder: Path) -> coal.CollisionGeometry:
         return coal.Box(*self.size)
 
 
 class SphereObstacle(_Placed):
-    """Sphere."""
+    """Sphere.
+
+    Attributes:
+        radius: radius [m].
+    """
 
     radius: Positive
-    """Radius [m]."""
 
     def shape(self, folder: Path) -> coal.CollisionGeometry:
         return coal.Sphere(self.radius)
 
 
 class CylinderObstacle(SphereObstacle):
-    """Cylinder along z."""
+    """Cylinder along z.
+
+    Attributes:
+        length: length along z [m].
+    """
 
     length: Positive
-    """Length along z [m]."""
 
     def shape(self, folder: Path) -> coal.CollisionGeometry:
         return coal.Cylinder(self.radius, self.length)
 
 
 class CapsuleObstacle(SphereObstacle):
-    """Capsule along z: a cylinder with a half sphere at each end."""
+    """Capsule along z: a cylinder with a half sphere at each end.
+
+    Attributes:
+        length: length of the cylindrical part along z [m].
+    """
 
     length: Positive
-    """Length of the cylindrical part along z [m]."""
 
     def shape(self, folder: Path) -> coal.CollisionGeometry:
         return coal.Capsule(self.radius, self.length)
 
 
-class MeshObstacle(_Placed, _MESH.model):  # type: ignore[name-defined, misc]
-    """Convex hull of a mesh."""
+class MeshObstacle(_Placed):
+    """Convex hull of a mesh.
 
+    Attributes:
+        scale: factor or three factors of its coordinates.
+        file: mesh file, relative to the scenario file; its convex hull is the obstacle.
+    """
+
+    scale: float | _Three = 1.0
     file: str
-    """Mesh file, relative to the scenario file; its convex hull is the obstacle."""
 
     def shape(self, folder: Path) -> coal.CollisionGeometry:
-        return _MESH.build(self, path=folder / self.file)
+        return load_mesh_shape(folder / self.file, self.scale)
 
 
 class GroundObstacle(_Placed):
@@ -181,18 +220,21 @@ class GroundObstacle(_Placed):
 
 
 class MapObstacle(Strict):
-    """Occupied cells of a map of ROS navigation, as boxes."""
+    """Occupied cells of a map of ROS navigation, as boxes.
+
+    Attributes:
+        file: YAML file of the map, relative to the scenario file; or a map of the package: warehouse.yaml.
+        name: unique name; its boxes are numbered. By default "map" and its number.
+        height: height of the boxes, which stand on the ground [m].
+        unknown: True if unknown cells are obstacles too.
+        cells: side of the squares of cells that count as one, which is occupied if any of its cells is.
+    """
 
     file: str
-    """YAML file of the map, relative to the scenario file; or a map of the package: warehouse.yaml."""
     name: str | None = None
-    """Unique name; its boxes are numbered. By default "map" and its number."""
     height: Positive = 2.0
-    """Height of the boxes, which stand on the ground [m]."""
     unknown: bool = False
-    """True if unknown cells are obstacles too."""
     cells: Annotated[int, Field(ge=1)] = 1
-    """Side of the squares of cells that count as one, which is occupied if any of its cells is."""
 
     def build(self, folder: Path, name: str) -> Sequence[Obstacle]:
         return load_map(find_shipped(self.file, folder), name).obstacles(self.height, self.unknown, self.cells)

@@ -12,7 +12,7 @@ from pydantic import TypeAdapter, ValidationError
 
 import rnc_pin as rnc
 from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
-from rnc_pin.applications.scenario.schema.derived import Entry, one_of
+from rnc_pin.applications.scenario.schema.derived import ClassReader, one_of
 from rnc_pin.applications.scenario.schema.kinds import ConstraintItem
 from rnc_pin.applications.scenario.schema.scenario import schema, validate
 from rnc_pin.visualization.drawn_state import View
@@ -105,10 +105,7 @@ def test_a_new_dataclass_takes_one_line():
 
 
 def test_an_entry_tells_what_a_file_says_otherwise():
-    entry = Entry(Spring, keys={"stiffness": "k"})
-    reader = TypeAdapter(Annotated[object, entry])
-    assert reader.validate_python({"frame_a": "a", "frame_b": "b", "k": 2, "kind": "steel"}) == Spring("a", "b", 2.0)
-    momentum = TypeAdapter(Annotated[object, Entry(rnc.MomentumConservation, short="joint")])
+    momentum = TypeAdapter(Annotated[object, ClassReader(rnc.MomentumConservation, short="joint")])
     assert momentum.validate_python("platform") == momentum.validate_python({"joint": "platform"})
     with pytest.raises(ValidationError, match="expected a joint's name or a mapping with joint and momentum, found 3"):
         momentum.validate_python(3)
