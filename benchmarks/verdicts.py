@@ -167,7 +167,7 @@ def slip(made: Scenario, run: Trajectory) -> bool | None:
     if faults is not None and faults.stuck is not None:
         return None
     model, data = reduced.robot.model, reduced.robot.model.createData()
-    available = stated.given["friction"] * pin.computeTotalMass(model) * 9.81
+    available = stated.friction * pin.computeTotalMass(model) * 9.81
     needed = 0.0
     for k, t in enumerate(np.diff(run.time)):
         pin.computeCentroidalMomentumTimeVariation(model, data, run.q[k], run.v[k], (run.v[k + 1] - run.v[k]) / t)
