@@ -12,6 +12,7 @@ from .coordinates import wrapped as wrapped
 from .evaluator import ReducedRegressor as ReducedRegressor
 from .frame_rows import OffsetFrame as OffsetFrame
 from .frame_rows import axis_index as axis_index
+from .input_validation import Axes as Axes
 from .input_validation import NotNegative as NotNegative
 from .input_validation import Positive as Positive
 from .input_validation import is_number as is_number

@@ -27,7 +27,7 @@ from rnc_pin.applications.scenario.schema.motions import ReferenceItem
 from rnc_pin.collision import Obstacle, PairSelection
 from rnc_pin.errors import RncError
 from rnc_pin.io import Strict
-from rnc_pin.model import NotNegative, OutputKind, OutputStack, Positive
+from rnc_pin.model import Axes, NotNegative, OutputKind, OutputStack, Positive
 from rnc_pin.motion.planning import Reference
 from rnc_pin.motion.whole_body import InverseDynamicsQP, VelocityQP
 from rnc_pin.motion.whole_body.limits import (
@@ -124,7 +124,7 @@ class CenterOfMassSettings(_FollowingTask):
         axes: world axes, e.g. "xy" or "xyz".
     """
 
-    axes: str = "xyz"
+    axes: Axes = "xyz"
 
     @property
     def outputs(self) -> list[OutputKind]:

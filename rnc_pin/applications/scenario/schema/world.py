@@ -53,7 +53,7 @@ class RobotSource(Strict):
         xacro_arguments: arguments of a xacro file: name to value.
         lock: joints to lock: name to position [rad or m].
         masses: masses of links without a valid inertia: name to mass [kg], distributed over the geometry of the link.
-        armature: rotor inertia by joint, times the square of its gear ratio [kg m^2 or kg]; it replaces that of the file.
+        armature: rotor inertia by joint, times the square of its gear ratio [kg m^2 or kg]; it replaces the file's.
         snap: True to correct rounded angles and axes of joints in the file to their exact values.
         gravity: gravity vector in the world frame [m/s^2].
         attach: robots mounted on this one.
