@@ -97,6 +97,11 @@ class Joined(ReferenceSummary):
 
     Args:
         references: references of the parts, in the order of the outputs.
+
+    Example:
+        >>> parts = [rnc.planning.Hold([1.0]), rnc.planning.Hold([2.0, 3.0])]
+        >>> rnc.planning.Joined(parts).at(0.0).position
+        array([1., 2., 3.])
     """
 
     def __init__(self, references: Sequence[Reference]) -> None:

@@ -17,7 +17,6 @@ from patience import PATIENCE, eventually
 from processes import alive, children
 from rnc_pin.control import Command
 from rnc_pin.interruption import interruptible, uninterrupted
-from rnc_pin.simulation import run_figure
 from rnc_pin.simulation.record import Record
 from simple_controllers import Memoryless
 from systems import sleigh
@@ -179,7 +178,7 @@ def test_a_run_that_is_asked_to_end_keeps_its_results(tmp_path):
 
 
 def test_ctrl_c_while_pictures_are_drawn_costs_pictures_alone(tmp_path, call, monkeypatch):
-    monkeypatch.setattr(run_figure, "plot_run", lambda *arguments: signal.raise_signal(signal.SIGINT))
+    monkeypatch.setattr(rnc.simulation, "plot_run", lambda *arguments: signal.raise_signal(signal.SIGINT))
     arguments = [*RUN, "--set", "simulation.duration=0.02", "--out", tmp_path]
     for _ in range(2):  # the second time there is something to replace
         status, _, error = call(*arguments)

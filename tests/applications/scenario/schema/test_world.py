@@ -14,7 +14,6 @@ from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.pictures import draw_pictures
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.collision import CollisionDistances
-from rnc_pin.simulation import run_figure
 from rnc_pin.visualization.plots import draw_obstacles
 from rnc_pin.visualization.recording import Recording
 from rnc_pin.visualization.scene_bodies import corners_over_time, outline, surface_points
@@ -106,7 +105,7 @@ def test_summary_has_the_smallest_distance_and_the_worst_limits(tmp_path, monkey
     share = np.abs(run.v) / robot.model.upperVelocityLimit
     assert velocity["excess"] == pytest.approx(share.max() - 1.0)
     assert velocity["joint"] == robot.joint_names[int(share.max(axis=0).argmax())]
-    monkeypatch.setattr(run_figure, "plot_run", lambda *_: Figure(figsize=(1, 1)))
+    monkeypatch.setattr(rnc.simulation, "plot_run", lambda *_: Figure(figsize=(1, 1)))
     drawn = draw_pictures(ready, result, tmp_path)
     assert not drawn.failures
     assert {"limits.png", "animation.html"} <= {*drawn.written}
