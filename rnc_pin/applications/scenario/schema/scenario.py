@@ -23,8 +23,7 @@ from rnc_pin.errors import nearest
 from rnc_pin.figures import Sheet, Size
 from rnc_pin.interruption import nothing_to_keep
 from rnc_pin.io import LIST, Json, Strict, validated
-from rnc_pin.lab.mujoco import MuJoCoSettings
-from rnc_pin.lab.mujoco.settings import Integrator, Stance
+from rnc_pin.lab.mujoco import Integrator, MuJoCoSettings, Stance
 from rnc_pin.model import ConstraintKind, NonholonomicSystem, NotNegative, OutputKind, Positive, ReducedModel
 from rnc_pin.plants import Faults, StuckJoint
 from rnc_pin.verdict import FindingKind
