@@ -24,10 +24,12 @@ from rnc_pin.applications.drive.controls import (
     rates_to_goal,
 )
 from rnc_pin.control import Description, TrackerState, TwistController, VelocityTarget
+from rnc_pin.errors import few
 from rnc_pin.model import Measurement, ReducedModel, heading_of
 from rnc_pin.motion.whole_body import ControlSample, LimitReport, ProgramState, VelocityQP
 from rnc_pin.motion.whole_body.limits import AccelerationLimit, ControlLimit
 from rnc_pin.motion.whole_body.tasks import BoundTask, ControlTask, DampingTask, TaskRows
+from rnc_pin.verdict import Finding, FindingKind, Severity
 
 _ATTITUDE = 0.3  # [m/rad]; error of the orientation beside that of the position
 _STILL = 0.1  # weight of joints whose posture gain is zero
@@ -306,6 +308,14 @@ class DriveController:
         target, program = self.program.step(t, measurement, state.program)
         target = target._replace(x1=self._desired(goals, measurement.x1))
         return target, DriveState(state.applied + len(due), goals, program)
+
+    def findings(self, state: object, samples: int) -> tuple[Finding, ...]:
+        """Return findings of the program, and the distances that hold the robot back at the end."""
+        program = drive_state_of(state).program
+        held = [name for name in self.program.report(program).active if name.endswith(" distance")]
+        message = f"at the end, collision avoidance holds the robot back: {few(held)}"
+        note = Finding(FindingKind.CLEARANCE, "collision avoidance", None, "m", None, Severity.NOTE, message)
+        return (*self.program.findings(program, samples), *[note] * bool(held))
 
     def report(self, state: DriveState) -> LimitReport:
         """Return the limits that are active, and those that gave way."""

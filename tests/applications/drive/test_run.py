@@ -151,7 +151,9 @@ def test_two_keys_and_joints_keep_the_efforts_of_a_draft_and_its_links_apart():
         result = drive(prepared("tiago", arm + pressed(1.0, 1.0, 200), simulation__dt=DT, **given), samples=250)
         assert (result.trajectory.verdict.succeeded, result.limits.worst("effort").excess < -0.1) == (True, True)
     run = prepared("ur5_robot", [(5, {"kind": "joint_goal", "joint": "shoulder_lift_joint", "position": 2.5})])
-    assert not drive(run, samples=400).limits.collisions
+    stopped = drive(run, samples=400)
+    assert not stopped.limits.collisions
+    assert "avoidance holds the robot back" in stopped.trajectory.verdict.findings[-1].message
 
 
 @pytest.mark.parametrize("target", [(5.0, 3.0), (4.0, -0.5), (2.0, 0.0)])
