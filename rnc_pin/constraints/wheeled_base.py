@@ -25,6 +25,8 @@ from rnc_pin.model.row_stack import RowStack
 from rnc_pin.robots.joint_values import limited_positions
 from rnc_pin.robots.robot import Robot
 
+SIDE_SLIP = 0.01
+"""Lateral speed [m/s] above which a wheel without a lateral row slides."""
 _SAMPLES = 3
 _ROUNDED = 1e-3  # slope of an axle, or trail of a wheel in lengths of the base, that rounding in a file may cause
 _ZERO = 1e-9  # effect of a joint on a row of unit length that rounding of numbers may cause

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import product
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -39,15 +38,6 @@ _MOVING = 0.1  # share of the command below which a base counts as standing
 _SETTLED = 1e-12  # [rad] angle that no pivot has to turn any more
 _REGULAR = 0.04  # smallest singular value of the model's guides, at angles for which a program aims
 _STEERING_ACCELERATION = 4.0  # [rad/s^2]
-
-
-class AimedTwist(NamedTuple):
-    """Twist that a base can have at the present angles of its pivots, while they turn to the commanded one."""
-
-    twist: Float[Array, " 3"]
-    """(vx, vy, wz) of the frame in its own axes [m/s, m/s, rad/s]."""
-    rates: Float[Array, " k"]
-    """Rates of the pivots [rad/s]."""
 
 
 class TwistController(ReprMixin):
@@ -210,8 +200,8 @@ class TwistController(ReprMixin):
         )
         return FeasibleTwist(scale * allowed / self._scale, q, scale * along, cuts)
 
-    def aimed(self, q: Float[Array, " nq"], twist: Twist, v: Float[Array, " nv"], dt: float) -> AimedTwist:
-        """Return goals of a program that limits velocities and accelerations itself, such as one of the whole body.
+    def aimed(self, q: Array, twist: Twist, v: Array, dt: float, limits: tuple[Array, ...] = ()) -> list[Array]:
+        """Return the twist and the rates of the pivots that a program has as goals, such as one of the whole body.
 
         The base waits until its pivots are aimed. Angles at which the model's own rows become dependent are left out:
         two guides whose axles are in line. There the twist differs by up to 4 %.
@@ -221,6 +211,7 @@ class TwistController(ReprMixin):
             twist: commanded twist, as for ``step``.
             v: present velocity (nv,).
             dt: duration of the sample [s].
+            limits: rows (k, nv) whose accelerations the program limits, and these limits (k,).
 
         Raises:
             InputError: q or the twist has another shape, or is not finite.
@@ -237,17 +228,24 @@ class TwistController(ReprMixin):
         largest, still = np.abs(turn).max(initial=0.0), max(quiet, _MOVING * float(np.linalg.norm(goal)))
         waits = largest > min(near, 0.25 * independence)
         turn = turn * (not waits or np.linalg.norm(last) <= still)  # it stops before its pivots turn far
+        rows, most = limits or (np.zeros((1, self._reduced.n)), np.full(1, np.inf))
+        used = np.abs(rows @ (motion.turning @ turn)) / max(largest, _SETTLED)
+        steering = float(min(_STEERING_ACCELERATION, *(most / np.maximum(used, _STILL))))
         profile = 30.0  # [1/s] rate of a pivot over its last turn
-        speed = min(profile, np.sqrt(_STEERING_ACCELERATION / max(largest, _SETTLED)))
+        speed = min(profile, np.sqrt(steering / max(largest, _SETTLED)))
         turning = speed * turn * (np.linalg.norm(goal) > quiet)
         lead = 0.05  # [s] by which goals are ahead: errors of velocities decay in such a time
         ahead = max(dt, lead)
-        bounds, change = self._bounds(q, dt, self._limits), _STEERING_ACCELERATION * ahead
+        bounds, change = self._bounds(q, dt, self._limits), steering * ahead
         turning *= _largest_share(motion.turning @ turning, 0.0, bounds)[0]
         goal = self._accelerated(last, self._nearest(motion, goal * (not waits), near), ahead)
         allowed = min(1.0, 2.0 * independence / _REGULAR) * self._nearest(motion, goal, waits=0.0)
         allowed *= _largest_share(motion.moving @ allowed, 0.0, bounds)[0]
-        return AimedTwist(allowed / self._scale, np.clip(turning, rates - change, rates + change))
+        # The pivots accelerate first, then the base by what they leave.
+        room, more = (-dt * most, dt * most), np.clip(turning - rates, -change, change)
+        more *= _largest_share(rows @ (motion.turning @ more), 0.0, room)[0]
+        share, _ = _largest_share(rows @ (motion.moving @ (allowed - last)), rows @ (motion.turning @ more), room)
+        return [(last + share * (allowed - last)) / self._scale, rates + more]
 
     # ------------------------------------------------------------------ one sample
 

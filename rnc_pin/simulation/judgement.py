@@ -12,7 +12,7 @@ import numpy as np
 
 from rnc_pin.analysis import NormalForces, first_lift_off
 from rnc_pin.array_shapes import Float, Int
-from rnc_pin.constraints.wheeled_base import missing_lateral_rows
+from rnc_pin.constraints.wheeled_base import SIDE_SLIP, missing_lateral_rows
 from rnc_pin.control.controller import LimitedAcceleration, MissedGoal
 from rnc_pin.errors import InputError, RncError, few
 from rnc_pin.math.linear_algebra import apply
@@ -261,7 +261,7 @@ def _side_slips(run: Trajectory, reduced: ReducedModel) -> Iterator[Finding]:
             speeds[block] = np.abs(apply(rows.jacobian(kinematics.position(q)), v))
     for name, speed in zip(rows.names, speeds.T, strict=True):
         most, way = int(speed.argmax()) if len(speed) else 0, float(np.trapezoid(speed, run.time))
-        if speed.max(initial=0.0) > _SLIDING:
+        if speed.max(initial=0.0) > SIDE_SLIP:
             wheel, time = name.removeprefix("lateral(").removesuffix(")"), float(run.time[most])
             message = (
                 f"steered wheel '{wheel}' is not aimed: it slides sideways by {way:.3g} m in all, with up to "

@@ -397,6 +397,20 @@ def test_a_tricycle_that_waits_turns_on_the_spot_without_creeping(waits, least, 
     assert abs(np.arctan2(q[-1, 3], q[-1, 2])) > 0.1
 
 
+@pytest.mark.parametrize("name", ["turret", "four steered drives"])
+def test_pivots_of_a_program_turn_within_its_accelerations_and_the_base_drives_by_what_they_leave(name):
+    reduced, dt, most = model(name), 0.02, 1.5
+    controller, twist, q, v = TwistController(reduced, "base"), [0.0, 0.4, 0.0], start(reduced), np.zeros(reduced.n)
+    rows, limits = np.eye(reduced.n)[controller._entries], np.full(len(controller.joints), most)
+    for _ in range(800):
+        motion, (base, turning) = controller.base.at(q), controller.aimed(q, twist, v, dt, (rows, limits))
+        last, v = v, motion.moving @ (base * controller._scale) + motion.turning @ turning
+        assert np.abs(rows @ (v - last)).max() < 1.2 * most * dt  # rows change a little with the angles
+        q = pin.integrate(reduced.robot.model, q, dt * v)
+    np.testing.assert_allclose(twist_of(reduced, v), twist, atol=0.02)
+    assert np.abs(v[controller.base.pivots]).max() < 1e-3
+
+
 @pytest.mark.parametrize("name", ["differential drive", "Mecanum", "four steered drives", "car"])
 def test_a_step_of_the_command_keeps_the_accelerations(name):
     most, goals = np.array([0.5, 0.4, 0.6]), [suitable(name), suitable(name, 0.3, 0.28, 0.1), np.zeros(3)]

@@ -125,7 +125,8 @@ class _Base(BoundTask):
             return TaskRows(np.zeros_like(rows), np.zeros(len(rows)))
         forward, left, turn = wanted or (0.0, 0.0, 0.0)
         wanted_twist = [forward, left if self._base.slides else None, turn]
-        twist, rates = aiming.aimed(sample.end.q, wanted_twist, sample.start.v, sample.dt or aiming.dt)
+        limits = sample.end.J2, self._board.accelerations
+        twist, rates = aiming.aimed(sample.end.q, wanted_twist, sample.start.v, sample.dt or aiming.dt, limits)
         return TaskRows(rows, np.array([twist[0], twist[2], twist[1], *rates]))
 
     def _rates(self, sample: ControlSample) -> BaseRates | None:

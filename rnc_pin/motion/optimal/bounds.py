@@ -15,7 +15,9 @@ from numpy.typing import ArrayLike
 from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.array_shapes import Float
 from rnc_pin.collision import CollisionDistances, PairDistances
+from rnc_pin.constraints.wheeled_base import SIDE_SLIP, missing_lateral_rows
 from rnc_pin.errors import ConfigurationError, InputError, nearest
+from rnc_pin.model.row_stack import RowStack
 from rnc_pin.model.task import OutputTarget
 from rnc_pin.motion.optimal import node_data
 from rnc_pin.motion.planning.action_models import ActionModel, Nodes
@@ -25,7 +27,7 @@ from rnc_pin.robots.joint_values import limited_positions
 _FAR = 1e3  # [m], distance of a row without a pair
 DISTANCE = "distance"
 GOAL = "goal"
-_WORDS = {"input": "input", "velocity": "velocity", "output": "value"}
+_WORDS = {"input": "input", "velocity": "velocity", "output": "value", "slip": "speed"}
 _HORIZON = 0.5  # [m], distance beyond the clearance from which pairs have no row
 
 Limit = ArrayLike | Mapping[str, float] | None
@@ -41,8 +43,8 @@ class NodeBound(ABC):
         names: names of the rows.
         lower, upper: limits (k,).
         of_state: True if the rows depend on the state only, so that they also hold at the end.
-        quantity: "input", "velocity", "output", "distance" or "goal" for limits of these; "" for other rows.
-        of_file: True for limits of the robot's file, and for distances of its links from each other.
+        quantity: "input", "velocity", "output", "slip", "distance" or "goal" for limits of these; "" for others.
+        of_file: True for limits of the robot's file, for distances of its links from each other, and for side slips.
         stated: True for rows with a limit on at least one side, or with an infinite one by name (k,).
         units: unit of each row, (k,); empty if it is not known.
     """
@@ -354,6 +356,7 @@ class FileLimits:
     Positions and velocities hold in every form. In the form "kinematic", velocities jump between intervals. Efforts
     hold in the form "dynamic", whose inputs they bound; the other forms know no efforts. An effort limit of 0 in a file
     means that the limit is not stated, as in runs: the verdict of a plan that uses such an actuator has a finding.
+    Steered wheels without a lateral row do not slide, whatever is chosen here: a plan aims them.
 
     Args:
         position: keep the position limits of joints; continuous joints and bases have none.
@@ -375,6 +378,7 @@ class FileLimits:
             *(_positions(model, _rows_of("output", stated)) if self.position else ()),
             *(_velocities(model, stated) if self.velocity else ()),
             *(_efforts(model, _rows_of("input", stated)) if self.effort and model.form == "dynamic" else ()),
+            *([_SideSlips(model, aimed)] if (aimed := missing_lateral_rows(model.reduced, steered=True)).size else ()),
         ]
         for bound in found:
             bound.of_file = True
@@ -450,16 +454,41 @@ class _Velocities(NodeBound):
 
     def rows(self, nodes: node_data.NodeData, derivatives: bool) -> node_data.RowValues:
         if not derivatives:
-            return node_data.RowValues(nodes.velocity[:, self._v])
-        v, v_q, v_w = (each[:, self._v] for each in self._slopes(nodes))
+            return node_data.RowValues(self._of(nodes, nodes.velocity[..., None])[..., 0])
+        value, by_q, by_w = (self._of(nodes, each) for each in self._slopes(nodes))
         if nodes.model.form == "kinematic":
-            return node_data.RowValues(v, v_q, v_w)
-        return node_data.RowValues(v, np.concatenate([v_q, v_w], axis=2))
+            return node_data.RowValues(value[..., 0], by_q, by_w)
+        return node_data.RowValues(value[..., 0], np.concatenate([by_q, by_w], axis=2))
+
+    def _of(self, nodes: node_data.NodeData, v: Array) -> Array:
+        """Rows times velocities (n, nv, k)."""
+        return v[:, self._v]
 
     def _slopes(self, nodes: node_data.NodeData) -> tuple[Array, Array, Array]:
-        """Velocity, and its derivatives by the configuration and by v2."""
+        """Velocity (n, nv, 1), and its derivatives by the configuration and by v2."""
         if nodes.flow is not None:
-            return nodes.flow.v, nodes.flow.v_q, nodes.flow.v_w
+            return nodes.flow.v[..., None], nodes.flow.v_q, nodes.flow.v_w
         reduced = nodes.model.reduced
         found = state_derivatives(reduced, nodes.at.q, nodes.v2, np.zeros((nodes.size, reduced.p)))
-        return found.v, found.v_q, found.v_v2
+        return found.v[..., None], found.v_q, found.v_v2
+
+
+class _SideSlips(_Velocities):
+    """Lateral speeds of steered wheels without a lateral row, which are aimed by this bound."""
+
+    quantity, remedy = "slip", ""
+
+    def __init__(self, model: ActionModel, rows: RowStack) -> None:
+        self._rows = rows
+        super().__init__(rows.names, (), np.full(rows.size, SIDE_SLIP / 2), of_state=model.form != "kinematic")
+
+    def rows(self, nodes: node_data.NodeData, derivatives: bool) -> node_data.RowValues:
+        found, v = super().rows(nodes, derivatives), nodes.velocity
+        if found.x is not None:
+            for k, along in enumerate(np.eye(v.shape[1])):
+                turned = nodes.position.with_velocity(np.broadcast_to(along, v.shape))
+                found.x[:, :, k] += np.matvec(self._rows.jacobian_dot(turned), v)
+        return found
+
+    def _of(self, nodes: node_data.NodeData, v: Array) -> Array:
+        return np.asarray(self._rows.jacobian(nodes.position) @ v)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import InfeasibleError, RncError
 from rnc_pin.model.coordinates import Coordinates, rotation_vector_rates
-from rnc_pin.motion.optimal.bounds import DISTANCE, GOAL
+from rnc_pin.motion.optimal.bounds import DISTANCE
 from rnc_pin.motion.optimal.guesses import GIVEN, resampled
 from rnc_pin.motion.optimal.motion_plan import Integration, MotionPlan, PlanInfo, PlanVerification
 from rnc_pin.motion.optimal.plan_feedback import gains_for
@@ -384,5 +384,5 @@ def _limits_of(problem: Transcription) -> tuple[tuple[str, str, float, float], .
         (bound.quantity, name, float(low), float(high))
         for bound in problem.bounds
         for name, low, high in zip(bound.names, bound.lower, bound.upper, strict=True)
-        if bound.quantity not in ("", DISTANCE, GOAL)
+        if bound.quantity in ("input", "velocity", "output")
     )

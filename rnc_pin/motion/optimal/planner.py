@@ -60,7 +60,7 @@ def build_problem(
     if nodes < 2:
         raise InputError(f"nodes: expected at least 2, found {nodes}")
     stated = [bound.bind(model) for bound in bounds]
-    of_file = [] if limits is None else limits.bind(model, stated)
+    of_file = (limits or FileLimits(False, False, False)).bind(model, stated)
     if goal is not None:
         for row in (*stated, *of_file):
             if row.quantity == "output":  # refuse a goal beyond a limit at once: no motion ends there

@@ -20,7 +20,7 @@ from rnc_pin.verdict import Finding, FindingKind, Severity
 
 _CONTACT = 1e-6  # [m], error of a measured distance
 _INPUTS = {"kinematic": FindingKind.VELOCITY, "acceleration": FindingKind.ACCELERATION, "dynamic": FindingKind.EFFORT}
-_KINDS = {"goal": FindingKind.GOAL, "velocity": FindingKind.VELOCITY, "output": FindingKind.POSITION}
+_KINDS = {"output": FindingKind.POSITION} | {kind: FindingKind(kind) for kind in ("goal", "velocity", "slip")}
 
 
 class Excess(NamedTuple):

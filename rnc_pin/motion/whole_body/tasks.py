@@ -290,8 +290,8 @@ class _BoundBase(BoundTask):
             return TaskRows(rows, rate)
         c, s = np.cos(yaw), np.sin(yaw)
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        found = self._aiming.aimed(sample.end.q, rate @ turn, sample.start.v, sample.dt or self._aiming.dt)
-        return TaskRows(rows, np.append(turn @ found.twist, found.rates))
+        twist, rates = self._aiming.aimed(sample.end.q, rate @ turn, sample.start.v, sample.dt or self._aiming.dt)
+        return TaskRows(rows, np.append(turn @ twist, rates))
 
     def goal(self, time: float) -> np.ndarray:
         return self._reference.at(time).position

@@ -1,14 +1,17 @@
 """Limits of the robot's file in plans: kept by default, replaced row by row, and refused at once."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import forklifts
 import rnc_pin as rnc
 import systems
 from benchmarks.planned_models import mobile_manipulator, tractor
+from driven_bases import KINDS, drafted_model
 from node_rows import check_rows
 from rnc_pin.motion.optimal import FileLimits, InputBound, OutputBound, SolverSettings, VelocityBound
 from rnc_pin.motion.optimal.node_data import NodeData
@@ -17,6 +20,9 @@ from rnc_pin.verdict import FindingKind, Severity
 
 AHEAD = (1.0, 0.0, 0.0)
 FEW = SolverSettings(nodes=20)
+
+
+SWERVE = partial(drafted_model, KINDS["four steered drives"])
 
 
 def lift_plan(reduced, lift, duration=8.0, settings=FEW, **options):
@@ -109,7 +115,7 @@ def test_an_effort_limit_of_zero_counts_as_not_stated_and_is_found(tmp_path):
 
 
 @pytest.mark.parametrize("form", ["kinematic", "acceleration", "dynamic"])
-@pytest.mark.parametrize("model", [lambda: tractor(2), mobile_manipulator, systems.space_robot_in_joints])
+@pytest.mark.parametrize("model", [partial(tractor, 2), mobile_manipulator, systems.space_robot_in_joints, SWERVE])
 def test_derivatives_of_all_limits_are_those_of_central_differences(form, model):
     reduced = model()
     model = action_model(reduced, form)
@@ -123,3 +129,16 @@ def test_derivatives_of_all_limits_are_those_of_central_differences(form, model)
         if form != "kinematic" and block.of_state:  # at the end there is no input
             last = block.rows(NodeData(model, at, None, np.zeros(3)), True)
             np.testing.assert_allclose(last.full(model.nx, model.nu)[0], x, atol=1e-9)
+
+
+def test_a_plan_aims_steered_wheels_without_a_lateral_row():
+    reduced = SWERVE()
+    model, data = reduced.robot.model, reduced.robot.model.createData()
+    goal = {rnc.FramePosition("base", "xy"): [0.8, 0.4], rnc.FrameYaw("base"): 0.5}
+    few = SolverSettings(nodes=12)
+    plan = rnc.optimal.plan(reduced, reduced.robot.configuration(), goal, 4.0, seeds=0, settings=few)
+    for q, v in zip(plan.q, reduced.at(plan.q, plan.w).v, strict=True):
+        pin.forwardKinematics(model, data, q, v)
+        for wheel in ("w0", "w1", "w2", "w3"):  # along its axle a wheel moves as its hub
+            hub = pin.getFrameVelocity(model, data, model.getFrameId(wheel), pin.ReferenceFrame.LOCAL)
+            assert abs(hub.linear[1]) < 0.01
