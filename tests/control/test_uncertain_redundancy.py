@@ -85,13 +85,17 @@ def masses_as_believed(p):
     return in_tip_and_joint(floating_robot(model=model))
 
 
-def test_the_uncertain_law_is_that_of_a_robot_with_the_masses_believed():
-    """Rates included, to the last term: nothing of the true A_star and A_star_dot is left in it."""
+def misjudged(count):
+    """States with what a controller believes of them: law, controller, true and believed model, q, v2, measurement."""
     believed = (1.6, 0.4, 1.5)
     reduced, law, _, controller = estimating(0.0, believed)
-    other = masses_as_believed(believed)
-    for q, v2 in random_states(reduced, 4, condition=50.0):
-        measured = reduced.at(q, v2).measure()
+    for q, v2 in random_states(reduced, count, condition=50.0):
+        yield law, controller, reduced, masses_as_believed(believed), q, v2, reduced.at(q, v2).measure()
+
+
+def test_the_uncertain_law_is_that_of_a_robot_with_the_masses_believed():
+    """Rates included, to the last term: nothing of the true A_star and A_star_dot is left in it."""
+    for law, controller, _, other, q, v2, measured in misjudged(4):
         guess = other.at(q, v2).measure()
         assert np.abs(guess.A_star_dot - measured.A_star_dot).max() > 1e-3
         seen = measured._replace(A_star=guess.A_star, A_star_dot=guess.A_star_dot)
@@ -103,14 +107,10 @@ def test_the_uncertain_law_is_that_of_a_robot_with_the_masses_believed():
 
 def test_the_vertical_error_is_driven_by_the_prediction_error_alone():
     """(17): ``e1_dot + k3 e1 = x1hat_dot - x1_dot`` under (16), where the rates are those asked for; k3 is 2."""
-    believed = (1.6, 0.4, 1.5)
-    reduced, law, _, controller = estimating(0.0, believed)
-    other, t = masses_as_believed(believed), 1.3
-    for q, v2 in random_states(reduced, 3, condition=50.0):
-        measured = reduced.at(q, v2).measure()
-        v2d = controller.step(t, measured, controller.initial_state(measured))[0].v2_desired
+    for law, controller, reduced, other, q, _, measured in misjudged(3):
+        v2d = controller.step(1.3, measured, controller.initial_state(measured))[0].v2_desired
         moved, predicted = reduced.at(q, v2d).measure().v1, other.at(q, v2d).measure().v1  # truth, and (15)
-        wanted = law.vertical.at(t)
+        wanted = law.vertical.at(1.3)
         error, error_rate = wanted.position - measured.x1, wanted.velocity - moved
         np.testing.assert_allclose(error_rate + 2.0 * error, predicted - moved, atol=1e-9 * (1 + np.abs(moved).max()))
         assert np.abs(predicted - moved).max() > 1e-3
@@ -118,11 +118,7 @@ def test_the_vertical_error_is_driven_by_the_prediction_error_alone():
 
 def test_the_prediction_error_is_that_of_19_and_in_proportion_to_that_of_15():
     """``J E = (Ahat n) (x1_dot - x1hat_dot)``, the hat that of (15), n a turn of the base that leaves x2 alone."""
-    believed = (1.6, 0.4, 1.5)
-    reduced, _, _, controller = estimating(0.0, believed)
-    other = masses_as_believed(believed)
-    for q, v2 in random_states(reduced, 3, condition=50.0):
-        measured = reduced.at(q, v2).measure()
+    for _, controller, reduced, other, q, v2, measured in misjudged(3):
         E = controller.step(0.0, measured, controller.initial_state(measured))[0].prediction_error
         alone = np.linalg.solve(np.vstack([np.eye(4)[0], reduced.at(q).J2]), np.eye(4)[0])
         momentum = other.at(q).A @ alone

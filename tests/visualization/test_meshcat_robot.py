@@ -226,17 +226,9 @@ AS_EXCEPTION = "raise KeyboardInterrupt"
 AS_SIGNAL = "os.kill(os.getpid(), signal.SIGINT); time.sleep(5)"
 
 
-@pytest.mark.parametrize(
-    ("module", "interrupt"),
-    [
-        pytest.param(module, interrupt, id=f"{module}-{'signal' if interrupt == AS_SIGNAL else 'exception'}")
-        for module, interrupt in (
-            ("click", AS_EXCEPTION),
-            ("pinocchio", AS_EXCEPTION),
-            ("rnc_pin.applications.command_line.commands.run", AS_SIGNAL),
-        )
-    ],
-)
+@pytest.mark.parametrize(("module", "interrupt"), [
+    ("click", AS_EXCEPTION), ("pinocchio", AS_EXCEPTION), ("rnc_pin.applications.command_line.commands.run", AS_SIGNAL),
+], ids=["click", "pinocchio", "signal"])  # fmt: skip
 def test_an_interrupted_import_is_one_line(module, interrupt, tmp_path):
     (tmp_path / "sitecustomize.py").write_text(HOOK.format(module=module, interrupt=interrupt))
     paths = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])

@@ -18,7 +18,7 @@ from rnc_pin.motion.optimal import (
     predictive_control,
     set_point_controller,
 )
-from rnc_pin.plants import FaultyPlant, ReducedPlant
+from rnc_pin.plants import ReducedPlant
 from simple_controllers import Memoryless
 
 DT = 0.01
@@ -395,18 +395,6 @@ def test_integrals_are_kept_where_nobody_gives_them():
     drive(loop, plant, DT * np.arange(100))
     assert loop.state.integrals[0] == pytest.approx(plant.integrals[0], abs=0.02)
     assert loop.state.integrals[0] > 0.5
-
-
-def test_velocities_from_encoders():
-    """Differences of 4,096 counts are steps of 0.15 rad/s here; estimates are smooth, and the sleigh arrives."""
-    reduced, tracker = sleigh()
-    plant = FaultyPlant(ReducedPlant(reduced), rnc.Faults(counts=4096), reduced)
-    run = rnc.simulate(
-        reduced, tracker, reduced.robot.configuration(), 3.0, DT, plant=plant,
-        options=rnc.SimulationOptions(loop={"velocity": "observer", "cutoff": 60.0}),
-    )  # fmt: skip
-    assert run.outcome == "completed"
-    assert np.abs(run.x2[-1] - GOAL).max() < 0.02
 
 
 @pytest.mark.parametrize("jump", [0.2, 60.0, 3600.0])

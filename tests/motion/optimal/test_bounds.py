@@ -20,8 +20,6 @@ from rnc_pin.verdict import FindingKind, Severity
 
 AHEAD = (1.0, 0.0, 0.0)
 FEW = SolverSettings(nodes=20)
-
-
 SWERVE = partial(drafted_model, KINDS["four steered drives"])
 
 
@@ -134,8 +132,7 @@ def test_derivatives_of_all_limits_are_those_of_central_differences(form, model)
 def test_a_plan_aims_steered_wheels_without_a_lateral_row():
     reduced = SWERVE()
     model, data = reduced.robot.model, reduced.robot.model.createData()
-    goal = {rnc.FramePosition("base", "xy"): [0.8, 0.4], rnc.FrameYaw("base"): 0.5}
-    few = SolverSettings(nodes=12)
+    goal, few = {rnc.FramePosition("base", "xy"): [0.8, 0.4], rnc.FrameYaw("base"): 0.5}, SolverSettings(nodes=12)
     plan = rnc.optimal.plan(reduced, reduced.robot.configuration(), goal, 4.0, seeds=0, settings=few)
     for q, v in zip(plan.q, reduced.at(plan.q, plan.w).v, strict=True):
         pin.forwardKinematics(model, data, q, v)
