@@ -8,6 +8,7 @@ from . import errors as errors
 from . import forces as forces
 from . import optimal as optimal
 from . import outputs as outputs
+from . import planning as planning
 from . import plants as plants
 from . import robots as robots
 from . import simulation as simulation
@@ -59,7 +60,6 @@ from .model.reduced_kinematics import Measurement as Measurement
 from .model.reduced_model import ReducedModel as ReducedModel
 from .model.system import NonholonomicSystem as NonholonomicSystem
 from .model.task import Task as Task
-from .motion import planning as planning
 from .motion.optimal import MotionPlan as MotionPlan
 from .motion.optimal import tvlqr as tvlqr
 from .motion.planning import IkResult as IkResult

@@ -10,10 +10,15 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError
+from rnc_pin.extras import missing_extra
 from rnc_pin.lab.mujoco import joint_coordinates
-from rnc_pin.lab.mujoco.engine import mujoco
 from rnc_pin.model.rows import FrameAnchor, JointCoupler, Rows
 from rnc_pin.robots.robot import Robot
+
+try:
+    import mujoco as mujoco  # other modules of this room have it from here, with one error where it is missing
+except ImportError:
+    raise ConfigurationError(missing_extra("mujoco")) from None
 
 Root = Literal["as it is", "free", "level"]
 """Type of a planar base in MuJoCo: planar as it is, six degrees of freedom, or planar with vertical motion."""

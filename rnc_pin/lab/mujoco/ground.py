@@ -14,9 +14,8 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.constraints import GroundPlane
-from rnc_pin.lab.mujoco.body_tree import BodyTree
+from rnc_pin.lab.mujoco.body_tree import BodyTree, mujoco
 from rnc_pin.lab.mujoco.contact_bodies import ContactBody
-from rnc_pin.lab.mujoco.engine import mujoco
 from rnc_pin.lab.mujoco.joint_coordinates import scalar_first
 from rnc_pin.lab.mujoco.settings import MuJoCoSettings
 

@@ -8,9 +8,8 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import DivergenceError, InputError
 from rnc_pin.lab.mujoco.actuator_mapping import ActuatorMapping
-from rnc_pin.lab.mujoco.body_tree import BodyTree, JointEquality, add_equalities
+from rnc_pin.lab.mujoco.body_tree import BodyTree, JointEquality, add_equalities, mujoco
 from rnc_pin.lab.mujoco.contact_bodies import choose_support, common_plane, contact_bodies, on_one_plane
-from rnc_pin.lab.mujoco.engine import mujoco
 from rnc_pin.lab.mujoco.ground import Ground, add_ground
 from rnc_pin.lab.mujoco.joint_coordinates import RobotCoordinates
 from rnc_pin.lab.mujoco.settings import MuJoCoSettings
