@@ -200,7 +200,9 @@ class TwistController(ReprMixin):
         )
         return FeasibleTwist(scale * allowed / self._scale, q, scale * along, cuts)
 
-    def aimed(self, q: Array, twist: Twist, v: Array, dt: float, limits: tuple[Array, ...] = ()) -> list[Array]:
+    def aimed(
+        self, q: Array, twist: Twist, v: Array, dt: float, limits: tuple[Array, Array] | None = None
+    ) -> tuple[Array, Array]:
         """Return the twist and the rates of the pivots that a program has as goals, such as one of the whole body.
 
         The base waits until its pivots are aimed. Angles at which the model's own rows become dependent are left out:
@@ -211,7 +213,7 @@ class TwistController(ReprMixin):
             twist: commanded twist, as for ``step``.
             v: present velocity (nv,).
             dt: duration of the sample [s].
-            limits: rows (k, nv) whose accelerations the program limits, and these limits (k,).
+            limits: rows (k, nv) whose accelerations the program limits, and these limits (k,); None without.
 
         Raises:
             InputError: q or the twist has another shape, or is not finite.
@@ -245,7 +247,7 @@ class TwistController(ReprMixin):
         room, more = (-dt * most, dt * most), np.clip(turning - rates, -change, change)
         more *= _largest_share(rows @ (motion.turning @ more), 0.0, room)[0]
         share, _ = _largest_share(rows @ (motion.moving @ (allowed - last)), rows @ (motion.turning @ more), room)
-        return [(last + share * (allowed - last)) / self._scale, rates + more]
+        return (last + share * (allowed - last)) / self._scale, rates + more
 
     # ------------------------------------------------------------------ one sample
 

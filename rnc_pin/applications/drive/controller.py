@@ -313,11 +313,16 @@ class DriveController:
     def findings(self, state: object, samples: int) -> tuple[Finding, ...]:
         """Return findings of the program, and the distances that hold the robot back at the end."""
         program = drive_state_of(state).program
+        found = [
+            each
+            for each in self.program.findings(program, samples)
+            if not each.where.endswith(" acceleration")  # soft limits: a sudden stop may exceed them
+        ]
         held = [name for name in self.program.report(program).active if name.endswith(" distance")]
-        message = f"at the end, collision avoidance holds the robot back: {few(held)}"
-        note = Finding(FindingKind.CLEARANCE, "collision avoidance", None, "m", None, Severity.NOTE, message)
-        found = self.program.findings(program, samples)  # accelerations are soft: a sudden stop may exceed them
-        return (*(each for each in found if not each.where.endswith(" acceleration")), *[note] * bool(held))
+        if held:
+            message = f"at the end, collision avoidance holds the robot back: {few(held)}"
+            found.append(Finding(FindingKind.CLEARANCE, "collision avoidance", None, "m", None, Severity.NOTE, message))
+        return tuple(found)
 
     def report(self, state: DriveState) -> LimitReport:
         """Return the limits that are active, and those that gave way."""
