@@ -34,6 +34,12 @@ def model(name):
     return drafted_model(KINDS[name])
 
 
+def standing(name, **options):
+    """Model of a base, its controller, and the base at its start."""
+    reduced = model(name)
+    return reduced, TwistController(reduced, "base", DT, **options), KinematicPlant(reduced, start(reduced))
+
+
 def start(reduced):
     return reduced.assembled(reduced.robot.configuration())
 
@@ -169,9 +175,8 @@ def driven(controller, plant, twist, state, samples):
 @pytest.mark.parametrize("name", KINDS)
 def test_the_base_reaches_the_feasible_twist_within_limits_and_without_slip(name):
     """The plant has the motors' velocities only. It may miss some, and wheels without a lateral row may slip."""
-    reduced = model(name)
-    controller = TwistController(reduced, "base", DT)
-    plant, state = KinematicPlant(reduced, start(reduced)), controller.initial_state()
+    reduced, controller, plant = standing(name)
+    state = controller.initial_state()
     pivots = [reduced.robot.velocity_indices(joint).start for joint in controller.steering]
     motors = {reduced.actuation.names[k]: k for k in range(reduced.p)}
     fastest = suitable(name, 3.0, 0.3) if name == "car with trailer" else [2.0] * 3  # too much for wheels or pivots
@@ -239,9 +244,8 @@ def test_a_slow_stop_and_a_start_are_continuous():
 def test_a_swerve_module_takes_the_shorter_way_and_rolls_backwards():
     """From straight ahead to 170 degrees: it turns by -10 degrees in one sample, and the wheels roll backwards."""
     name = "two steered drives"
-    reduced, controller = model(name), TwistController(model(name), "base", DT, limits=False)
+    reduced, controller, plant = standing(name, limits=False)
     angle = np.deg2rad(170.0)
-    plant = KinematicPlant(reduced, start(reduced))
     commands, _ = driven(controller, plant, [np.cos(angle), np.sin(angle), 0.0], controller.initial_state(), 2)
     turned = DT * commands[0].v[[reduced.robot.velocity_indices(joint).start for joint in controller.steering]]
     np.testing.assert_allclose(np.rad2deg(turned), -10.0, atol=1e-9)
@@ -252,8 +256,7 @@ def test_a_swerve_module_takes_the_shorter_way_and_rolls_backwards():
 def test_pivots_take_the_shorter_way_where_the_centre_of_rotation_passes_between_them():
     """From a tight left turn to the same on the right, wheels nearer to the centre than its distance turn round."""
     name, twist = "four steered drives", np.array([0.1, 0.0, 0.8])
-    reduced, controller = model(name), TwistController(model(name), "base", DT, length=0.1)
-    plant = KinematicPlant(reduced, start(reduced))
+    reduced, controller, plant = standing(name, length=0.1)
     _, state = driven(controller, plant, twist, controller.initial_state(), 60)
     commands, _ = driven(controller, plant, twist * [1, 1, -1], state, 60)
     np.testing.assert_allclose(commands[-1].twist, twist * [1, 1, -1], atol=1e-6)
@@ -267,8 +270,7 @@ def test_pivots_take_the_shorter_way_where_the_centre_of_rotation_passes_between
 def test_pivots_that_cannot_turn_at_once_share_one_centre_of_rotation_on_the_way():
     """The base goes on, and one pivot at least turns as fast as it can, until all have the angles of the command."""
     name, twist = "four steered drives", np.array([0.4, -0.2, 0.9])
-    reduced, controller = model(name), TwistController(model(name), "base", DT)
-    plant = KinematicPlant(reduced, start(reduced))
+    reduced, controller, plant = standing(name)
     _, state = driven(controller, plant, suitable(name), controller.initial_state(), 60)
     columns = [reduced.robot.velocity_indices(joint).start for joint in controller.steering]
     for _ in range(10):
@@ -360,8 +362,7 @@ def test_more_wheels_than_vehicles_have_roll_as_they_favour():
 def test_a_tight_turn_stops_at_the_limit_of_the_angle():
     """A tricycle with a limit of 1 rad: its curvature at the axle is at most tan(1) / L."""
     name = "tricycle, driven in front"
-    reduced, controller = model(name), TwistController(model(name), "base", DT)
-    plant = KinematicPlant(reduced, start(reduced))
+    _, controller, plant = standing(name)
     commands, _ = driven(controller, plant, suitable(name, 0.1, 0.5), controller.initial_state(), 30)
     vx, _, w = commands[-1].twist
     assert w / vx == pytest.approx(np.tan(1.0) / 0.9, rel=1e-6)
@@ -374,8 +375,7 @@ def test_a_tight_turn_stops_at_the_limit_of_the_angle():
 def test_a_pivot_between_its_limits_goes_the_long_way_if_it_has_to():
     """From a bend in reverse to a tight one ahead: the short way is beyond the limit, so the truck stops and steers."""
     name = "forklift"
-    reduced, controller = model(name), TwistController(model(name), "base", DT)
-    plant = KinematicPlant(reduced, start(reduced))
+    _, controller, plant = standing(name)
     _, state = driven(controller, plant, suitable(name, -0.35, 0.42), controller.initial_state(), 40)
     commands, _ = driven(controller, plant, suitable(name, 0.35, 0.42), state, 40)
     assert min(np.abs(each.twist).max() for each in commands) < 1e-9
@@ -444,8 +444,7 @@ def test_a_limit_of_speed_scales_the_twist_as_a_whole():
 def test_a_trailer_at_the_limit_of_its_hitch_stops_the_car():
     """Backwards on a circle the hitch folds up to its limit of 1.2 rad, and not beyond."""
     name = "car with trailer"
-    reduced, controller = model(name), TwistController(model(name), "base", DT)
-    plant = KinematicPlant(reduced, start(reduced))
+    reduced, controller, plant = standing(name)
     commands, _ = driven(controller, plant, suitable(name, -0.5, 0.5), controller.initial_state(), 100)
     assert abs(reduced.robot.joint_values(plant.q)["hitch"]) == pytest.approx(1.2, abs=2e-3)
     assert np.abs(commands[-1].twist).max() < 0.02

@@ -10,12 +10,14 @@ from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.plants import FaultyPlant, VelocityPlant
 
 
-def reach(reduced, duration=3.0):
+def reach():
+    reduced = systems.mobile_manipulator()
     task = rnc.Task.of(reduced, ["tip_x", "tip_y", "base_yaw"], ["base_speed_x"], ["distance_base_tip"])
     q0 = reduced.robot.configuration({"joint_1": 0.5, "joint_2": -1.2})
     x1, x2 = reduced.at(q0).outputs()
-    way = rnc.planning.MinimumJerk(x2[task.primary], x2[task.primary] + [1.0, 0.4, 0.3], duration)
-    return rnc.control.RedundancyController(task, way, rnc.planning.Hold(x1[task.vertical]), k21=2.0), q0
+    way = rnc.planning.MinimumJerk(x2[task.primary], x2[task.primary] + [1.0, 0.4, 0.3], 3.0)
+    target = rnc.control.RedundancyController(task, way, rnc.planning.Hold(x1[task.vertical]), k21=2.0)
+    return reduced, target, rnc.control.ActuatorVelocityController(reduced, target), q0
 
 
 def test_actuators_lag_exactly_and_constraints_hold():
@@ -60,9 +62,7 @@ def test_efforts_give_the_acceleration():
 
 
 def test_a_simulation_follows_the_hand_and_records_efforts_that_move_it():
-    reduced = systems.mobile_manipulator()
-    target, q0 = reach(reduced)
-    controller = rnc.control.ActuatorVelocityController(reduced, target)
+    reduced, target, controller, q0 = reach()
     run = rnc.simulate(reduced, controller, q0, 5.0, 0.01, plant=VelocityPlant(reduced, servo_time=0.1))
     assert run.outcome == rnc.Outcome.COMPLETED
     assert np.abs(run.x2[-1, :2] - target.primary.at(5.0).position[:2]).max() < 1e-3
@@ -75,9 +75,7 @@ def test_a_simulation_follows_the_hand_and_records_efforts_that_move_it():
 
 
 def test_lost_measurements_stop_the_robot_but_not_the_run():
-    reduced = systems.mobile_manipulator()
-    target, q0 = reach(reduced)
-    controller = rnc.control.ActuatorVelocityController(reduced, target)
+    reduced, target, controller, q0 = reach()
     generator = np.random.default_rng(3)
 
     class Blind(FaultyPlant):

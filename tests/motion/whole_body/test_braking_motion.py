@@ -74,14 +74,16 @@ def cart(effort, mass=1.0, axis="PX", reach=1.0):
     return rnc.NonholonomicSystem(rnc.Robot(model), [], ["rail"]).reduce()
 
 
+THERE = tasks.OutputTask(rnc.JointPosition("rail"), Hold([5.0]), gain=4.0)
+LATE = limits.JointPositionLimit(deceleration=1e3, margin=0.0)
+
+
 def test_braking_starts_at_the_stopping_distance():
     """A mass of 1 kg with 2 N stops from v in ``v^2 / 4``: a limit that plans with more leaves this to the last."""
     reduced, dt = cart(2.0), 0.02
-    there = tasks.OutputTask(rnc.JointPosition("rail"), Hold([5.0]), gain=4.0)
-    late = limits.JointPositionLimit(deceleration=1e3, margin=0.0)
     ends = []
     for braking_time in (None, 2.0):
-        program = InverseDynamicsQP(reduced, [there], [late], dt=dt, braking_time=braking_time)
+        program = InverseDynamicsQP(reduced, [THERE], [LATE], dt=dt, braking_time=braking_time)
         run = rnc.simulate(reduced, program, reduced.robot.configuration({"rail": -1.0}), 2.5, dt=dt)
         ends.append(run.q[:, 0].max())
     assert ends[0] > 1.1
@@ -149,9 +151,7 @@ def test_a_load_that_efforts_cannot_hold_is_said_and_rolled_out_once(monkeypatch
 def test_a_plant_that_is_not_the_model_stops_too():
     """The motion is rolled out again from each measured state, and a lighter cart stops earlier than its model."""
     reduced, dt = cart(2.0), 0.02
-    there = tasks.OutputTask(rnc.JointPosition("rail"), Hold([5.0]), gain=4.0)
-    late = limits.JointPositionLimit(deceleration=1e3, margin=0.0)
-    program = InverseDynamicsQP(reduced, [there], [late], dt=dt)
+    program = InverseDynamicsQP(reduced, [THERE], [LATE], dt=dt)
     lighter = rnc.ReducedPlant(cart(2.0, 0.95))
     run = rnc.simulate(reduced, program, np.array([-1.0]), 3.0, dt=dt, plant=lighter)
     assert 0.8 < run.q[:, 0].max() < 1.0 + 1e-3
