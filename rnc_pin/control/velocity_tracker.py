@@ -13,7 +13,6 @@ from rnc_pin.control.controller import (
     DescribedMixin,
     KinematicController,
     State,
-    VelocityTarget,
     check_target,
     command_towards,
     elapsed_time,
@@ -24,18 +23,30 @@ from rnc_pin.errors import ConfigurationError, short_text
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.reduced_kinematics import Measurement
 
-_Learnt = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # force, and learnt g, C and D
-
 
 class TrackerState(NamedTuple):
-    """State of the tracker: adaptive gains, with leading batch axes."""
+    """State of the tracker, with leading batch axes."""
 
     time: float | None
-    g: Float[Array, "*batch r"]
-    C: Float[Array, "*batch r r"]
-    D: Float[Array, "*batch r r2"]
+    learnt: Float[Array, "*batch r w"]
+    """Adaptive gains ``[g, C, D]``: a row for each reducing velocity, of 1 + r + r^2 numbers."""
     target: State
     """State of the kinematic controller."""
+
+    @property
+    def g(self) -> Float[Array, "*batch r"]:
+        """Learnt force."""
+        return self.learnt[..., 0]
+
+    @property
+    def C(self) -> Float[Array, "*batch r r"]:
+        """Learnt gains of the desired acceleration."""
+        return self.learnt[..., 1 : 1 + self.learnt.shape[-2]]
+
+    @property
+    def D(self) -> Float[Array, "*batch r r2"]:
+        """Learnt gains of the products of velocities."""
+        return self.learnt[..., 1 + self.learnt.shape[-2] :]
 
 
 class VelocityTracker(DescribedMixin):
@@ -107,9 +118,8 @@ class VelocityTracker(DescribedMixin):
         Args:
             measurement: first measurement.
         """
-        shape, target = np.shape(measurement.v2), self.target.initial_state(measurement)
-        r = shape[-1]
-        return TrackerState(None, np.zeros(shape), np.zeros((*shape, r)), np.zeros((*shape, r * r)), target)
+        *batch, r = np.shape(measurement.v2)
+        return TrackerState(None, np.zeros((*batch, r, 1 + r + r * r)), self.target.initial_state(measurement))
 
     def step(self, t: float, measurement: Measurement, state: TrackerState) -> tuple[Command, TrackerState]:
         """Compute one sample; the sampling interval may vary.
@@ -122,45 +132,31 @@ class VelocityTracker(DescribedMixin):
         Raises:
             InputError: time runs backwards.
         """
-        elapsed = elapsed_time(t, state.time)
+        share, leak_time = leak(self.gains.sigma, elapsed_time(t, state.time))
         target, target_state = self.target.step(t, measurement, state.target)
-        S = self._modes
-        if S is None:
-            F, g, C, D = self._learnt(elapsed, measurement, target, state)
-        else:
-            desired = VelocityTarget(apply(S.T, target.v2), apply(S.T, target.v2_dot))
-            F, g, C, D = self._learnt(elapsed, _measured_modes(S, measurement), desired, state)
-            F = apply(S, F)
-        return command_towards(target, F), TrackerState(t, g, C, D, target_state)
-
-    def _learnt(self, elapsed: float, measurement: Measurement, target: VelocityTarget, state: TrackerState) -> _Learnt:
-        """Force, and learnt g, C and D."""
-        v2 = measurement.v2
-        error = target.v2 - v2
-        products = (v2[..., :, None] * target.v2[..., None, :]).reshape(*v2.shape[:-1], -1)  # [v2 v2d]
-        # |w|^2 of the regressor [1, v2d_dot, v2 v2d]: it bounds the step below.
-        square = 1.0 + np.vecdot(target.v2_dot, target.v2_dot) + np.vecdot(products, products)
-        k, beta = self.gains.k, self.gains.beta
-        share, leak_time = leak(self.gains.sigma, elapsed)
-        decay = np.asarray(share)
-        gain = leak_time * beta / (1.0 + leak_time * beta * square[..., None] / k)
-        step = gain * error
+        v2, v2d, v2d_dot, deficit = measurement.v2, target.v2, target.v2_dot, measurement.force_deficit
+        if (S := self._modes) is not None:
+            v2, v2d, v2d_dot = (apply(S.T, each) for each in (v2, v2d, v2d_dot))
+            deficit = None if deficit is None else np.linalg.solve(S, deficit[..., None])[..., 0]
+        *batch, r = v2.shape
+        # The regressor w = [1, v2d_dot, v2 v2d]: all three laws are one, with one matrix of gains.
+        w = np.empty((*batch, 1 + r + r * r))
+        w[..., 0], w[..., 1 : 1 + r] = 1.0, v2d_dot
+        w[..., 1 + r :] = (v2[..., :, None] * v2d[..., None, :]).reshape(*batch, r * r)
+        error = seen = v2d - v2
+        frozen: np.ndarray | None = None
         if self._has_dead_zone:
-            reduced_error = apply_dead_zone(error, self._dead_zone)
-            step, decay = gain * reduced_error, np.where(reduced_error == 0.0, 1.0, decay)
-        if measurement.force_deficit is not None:
-            frozen = saturation_mask(measurement.force_deficit, error)
-            step, decay = np.where(frozen, 0.0, step), np.where(frozen, 1.0, decay)
-        g = decay * state.g + step
-        C = decay[..., None] * state.C + step[..., :, None] * target.v2_dot[..., None, :]
-        D = decay[..., None] * state.D + step[..., :, None] * products[..., None, :]
-        # With the gains after the step: one sample then adds at most k e_v.
-        F = apply(C, target.v2_dot) + apply(D, products) + g + k * error + self._offset
-        return F, g, C, D
-
-
-def _measured_modes(S: np.ndarray, measurement: Measurement) -> Measurement:
-    """Mode velocities, and the mode forces that saturation cut off."""
-    deficit = measurement.force_deficit
-    lost = None if deficit is None else np.linalg.solve(S, deficit[..., None])[..., 0]
-    return Measurement(v2=apply(S.T, measurement.v2), force_deficit=lost)
+            seen = apply_dead_zone(error, self._dead_zone)
+            frozen = seen == 0.0
+        if deficit is not None:
+            saturated = saturation_mask(deficit, error)
+            frozen = saturated if frozen is None else frozen | saturated
+        # |w|^2 bounds the step: one sample adds at most k e_v.
+        gain = leak_time * self.gains.beta
+        step = gain / (1.0 + gain * np.vecdot(w, w)[..., None] / self.gains.k) * seen
+        learnt = share * state.learnt + step[..., None] * w[..., None, :]
+        if frozen is not None:
+            learnt = np.where(frozen[..., None], state.learnt, learnt)
+        # With the gains after the step, as its bound assumes.
+        F = apply(learnt, w) + self.gains.k * error + self._offset
+        return command_towards(target, F if S is None else apply(S, F)), TrackerState(t, learnt, target_state)

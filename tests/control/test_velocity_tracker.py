@@ -46,7 +46,7 @@ def test_small_steps_are_the_papers_laws():
 
     target = Memoryless(lambda *_: VelocityTarget(v2d, v2d_dot))
     tracker = VelocityTracker(target, VelocityGains(k=7.0, beta=3.0, sigma=0.4))
-    state = TrackerState(1.0, g, C, D, None)
+    state = TrackerState(1.0, np.column_stack([g, C, D]), None)
     command, new = tracker.step(1.0 + h, rnc.Measurement(v2=v2), state)
     e, w = v2d - v2, np.kron(v2, v2d)
     np.testing.assert_allclose((new.g - g) / h, -0.4 * g + 3.0 * e, atol=1e-5)
@@ -86,27 +86,25 @@ def test_a_velocity_tracker_takes_the_step_of_its_law_output_by_output(sigma, zo
     """Learnt is from the error that the step along the regressor w leaves: ``x = s beta (e - |w|^2 x / k)``."""
     generator, k, beta, held = np.random.default_rng(5), np.array([3.0, 7.0]), np.array([11.0, 4.0]), [0.7, -1.3]
     v2, v2d, v2d_dot, excess = generator.uniform(-1, 1, (4, 6, 2))
-    g, C, D = generator.normal(size=(6, 2)), generator.normal(size=(6, 2, 2)), generator.normal(size=(6, 2, 4))
+    learnt = generator.normal(size=(6, 2, 7))
     tracker = VelocityTracker(said(v2d, v2d_dot), VelocityGains(k, beta, sigma, zone), held)
     measured = Measurement(v2=v2, force_deficit=excess if clipped else None)
-    command, after = tracker.step(2.35, measured, TrackerState(2.0, g, C, D, 5))
+    command, after = tracker.step(2.35, measured, TrackerState(2.0, learnt, 5))
     assert (after.time, after.target) == (2.35, 6)
     kinds = set()
     for i, j in np.ndindex(6, 2):
         products = np.kron(v2[i], v2d[i])
         w = np.concatenate([[1.0], v2d_dot[i], products])
-        before = np.concatenate([[g[i, j]], C[i, j], D[i, j]])
         error = v2d[i, j] - v2[i, j]
         seen = np.sign(error) * max(abs(error) - np.broadcast_to(zone, 2)[j], 0.0)
         s = learnt_over(0.35, sigma, 0.0, 1.0)
         added = s * beta[j] * seen / (1 + s * beta[j] * (w @ w) / k[j])
-        expected = before * np.exp(-0.35 * sigma) + added * w
+        expected = learnt[i, j] * np.exp(-0.35 * sigma) + added * w
         rests = seen == 0.0 or (clipped and np.sign(excess[i, j]) == np.sign(error))
         kinds.add(rests)
         if rests:
-            expected = before
-        found = np.concatenate([[after.g[i, j]], after.C[i, j], after.D[i, j]])
-        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-13)
+            expected = learnt[i, j]
+        np.testing.assert_allclose([after.g[i, j], *after.C[i, j], *after.D[i, j]], expected, rtol=1e-12, atol=1e-13)
         np.testing.assert_allclose(command.F[i, j], expected @ w + k[j] * error + held[j], rtol=1e-12)
     assert kinds == ({False, True} if clipped or np.any(zone) else {False})
     assert command.v2_desired is v2d
@@ -118,9 +116,8 @@ def test_a_velocity_tracker_starts_with_nothing_learnt_in_the_shape_of_what_it_s
     tracker = VelocityTracker(said(None, None), gravity_compensation=[2.0, -1.0])
     state = tracker.initial_state(Measurement(v2=np.ones((4, 3, 2))))
     assert (state.time, state.target) == (None, 5)
-    shapes = [(4, 3, 2), (4, 3, 2, 2), (4, 3, 2, 4)]
-    assert [each.shape for each in state[1:4]] == shapes
-    assert not any(each.any() for each in state[1:4])
+    assert [each.shape for each in (state.g, state.C, state.D)] == [(4, 3, 2), (4, 3, 2, 2), (4, 3, 2, 4)]
+    assert not state.learnt.any()
     assert tracker.describe() == {
         "type": "VelocityTracker",
         "gains": {"k": 10.0, "beta": 10.0, "sigma": 0.1},
