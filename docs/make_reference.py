@@ -36,7 +36,7 @@ PACKAGES = (
 )
 RESULTS = {
     "rnc_pin.model.state_evaluation": ["StateEvaluation"],
-    "rnc_pin.model.evaluator": ["ReducedTerms", "LagrangianTerms", "StateDerivative"],
+    "rnc_pin.model.evaluation_results": ["ReducedTerms", "LagrangianTerms", "StateDerivative"],
 }
 """Results of ``ReducedModel`` that no public package exports."""
 

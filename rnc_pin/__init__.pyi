@@ -54,9 +54,9 @@ from .lab.logs import Log as Log
 from .model.actuation import FrameForce as FrameForce
 from .model.actuation import FrameTorque as FrameTorque
 from .model.actuation import OpenDifferential as OpenDifferential
+from .model.evaluation_results import Measurement as Measurement
 from .model.impact import Impact as Impact
 from .model.impact import impact as impact
-from .model.reduced_kinematics import Measurement as Measurement
 from .model.reduced_model import ReducedModel as ReducedModel
 from .model.system import NonholonomicSystem as NonholonomicSystem
 from .model.task import Task as Task

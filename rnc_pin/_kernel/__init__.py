@@ -1,7 +1,7 @@
 """Compiled evaluation of reduced models; ``kernel`` names the active path, "c" or "numpy".
 
 The environment variable ``RNC_PIN_KERNEL`` selects a path. By default, the compiled kernel is used if the installation
-has it. See ``rnc_pin/model/compiled.py``.
+has it. See ``rnc_pin/model/evaluator.py``.
 """
 
 from __future__ import annotations

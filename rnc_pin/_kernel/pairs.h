@@ -1,4 +1,4 @@
-/* Frames, distances of pairs of shapes, and joints that stop; see compiled_states.py and rnc_pin/collision. Included
+/* Frames, distances of pairs of shapes, and joints that stop; see filled_arrays.py and rnc_pin/collision. Included
  * at the end of kernel.c. */
 
 /* Rows of the rates: numbers (k, 10) of pairs (distance, normal, nearest points), pairs (k), signs of all pairs (K, n),

@@ -33,8 +33,8 @@ from rnc_pin.errors import ConfigurationError, RncError, SingularityError, few
 from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.math.linear_algebra import pivot_columns
 from rnc_pin.model.cached_property import cached_property
-from rnc_pin.model.compiled import evaluator_for
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
+from rnc_pin.model.evaluator import evaluator_for
 from rnc_pin.model.input_validation import Axes
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics, VelocityKinematics
 from rnc_pin.model.reduced_model import ReducedModel

@@ -8,9 +8,8 @@ import numpy as np
 
 from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
-from rnc_pin.model.reduced_kinematics import kinematic_gradient
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.model.state_evaluation import StateEvaluation, kinematic_gradient
 from rnc_pin.model.task import Task
 from rnc_pin.printing import printed
 

@@ -25,8 +25,8 @@ from rnc_pin.errors import ConfigurationError, DivergenceError, InputError
 from rnc_pin.math.linear_algebra import apply, apply_transposed
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.coordinates import arc_chord
+from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.input_validation import ArrayInput, ConfigurationValidator, vector
-from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import rheonomic_names
 from rnc_pin.printing import ReprMixin, printed

@@ -22,7 +22,7 @@ from rnc_pin.control.controller import (
 )
 from rnc_pin.control.feedback import Feedback, deviation
 from rnc_pin.errors import ConfigurationError, place_of
-from rnc_pin.model.reduced_kinematics import Measurement
+from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import ReprMixin
 from rnc_pin.references.reference import Reference

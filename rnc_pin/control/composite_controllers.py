@@ -15,7 +15,7 @@ from rnc_pin.control.estimation import Estimator, EstimatorState, with_estimated
 from rnc_pin.control.position_tracker import PositionState, PositionTracker
 from rnc_pin.errors import ConfigurationError, place_of
 from rnc_pin.math.linear_algebra import apply_transposed
-from rnc_pin.model.reduced_kinematics import Measurement
+from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import ReprMixin
 

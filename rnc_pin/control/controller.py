@@ -21,7 +21,7 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, InputError, nearest, short_text
 from rnc_pin.io.json import Json
-from rnc_pin.model.reduced_kinematics import Measurement
+from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.printing import ReprMixin, printed
 from rnc_pin.references.reference import Reference
 from rnc_pin.verdict import Finding

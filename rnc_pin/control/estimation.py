@@ -21,9 +21,9 @@ from rnc_pin.control.controller import Description, elapsed_time, listed
 from rnc_pin.control.feedback import apply_dead_zone
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.math.linear_algebra import apply, solve
+from rnc_pin.model.evaluation_results import Measurement
+from rnc_pin.model.evaluator import Evaluator
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.numpy_evaluator import NumPyEvaluator
-from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.reduction_data import ReductionData, row_scales
 from rnc_pin.model.row_stack import RowStack
@@ -32,7 +32,7 @@ from rnc_pin.printing import ReprMixin
 from rnc_pin.robots.robot import Robot
 
 _LENDING = RLock()  # of the memory that estimates of all threads share
-_Thing = TypeVar("_Thing", Robot, RowStack, ReductionData, NumPyEvaluator, ReducedModel)
+_Thing = TypeVar("_Thing", Robot, RowStack, ReductionData, Evaluator, ReducedModel)
 Bound = float | Sequence[float] | np.ndarray
 Bounds = tuple[Bound, Bound]
 

@@ -14,7 +14,7 @@ from rnc_pin.control.gain_design import PositionGains
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.coordinates import Coordinates, angle_difference
-from rnc_pin.model.reduced_kinematics import Measurement
+from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.references.reference import Reference, ReferencePoint
 
 

@@ -11,7 +11,7 @@ from rnc_pin.control.feedback import Feedback
 from rnc_pin.control.gain_design import DEFAULT_OUTER_GAINS
 from rnc_pin.errors import ConfigurationError, SingularityError, short_text
 from rnc_pin.math.linear_algebra import apply, as_slice, condition_number, solve
-from rnc_pin.model.reduced_kinematics import Measurement
+from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.task import Task
 from rnc_pin.references.reference import Reference
 

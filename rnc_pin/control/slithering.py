@@ -13,8 +13,8 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.control.path_fit import PathPoint, chord_end_between, chord_end_fitted
 from rnc_pin.errors import ConfigurationError, SingularityError, place_of
 from rnc_pin.model.coordinates import wrapped
+from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.input_validation import check_positive_settings
-from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.printing import ReprMixin

@@ -10,7 +10,7 @@ from rnc_pin.control.gain_design import DEFAULT_OUTER_GAINS, OuterGains
 from rnc_pin.control.slithering import DrivenPath, SlitheringReference
 from rnc_pin.errors import ConfigurationError, InputError, SingularityError
 from rnc_pin.math.linear_algebra import apply, apply_transposed, clipped, solve
-from rnc_pin.model.reduced_kinematics import Measurement
+from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.references.reference import Reference, ReferencePoint

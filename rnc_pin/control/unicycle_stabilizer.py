@@ -19,7 +19,7 @@ from rnc_pin.control.controller import DescribedMixin, VelocityTarget
 from rnc_pin.control.gain_design import DEFAULT_OUTER_GAINS
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.model.coordinates import wrapped
-from rnc_pin.model.reduced_kinematics import Measurement
+from rnc_pin.model.evaluation_results import Measurement
 
 
 class DrivingState(NamedTuple):

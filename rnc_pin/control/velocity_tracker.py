@@ -21,7 +21,7 @@ from rnc_pin.control.feedback import apply_dead_zone, leak, saturation_mask
 from rnc_pin.control.gain_design import VelocityGains, check_gains
 from rnc_pin.errors import ConfigurationError, short_text
 from rnc_pin.math.linear_algebra import apply
-from rnc_pin.model.reduced_kinematics import Measurement
+from rnc_pin.model.evaluation_results import Measurement
 
 
 class TrackerState(NamedTuple):

@@ -9,7 +9,8 @@ from .configuration_evaluation import ConfigurationEvaluation as ConfigurationEv
 from .coordinates import Coordinates as Coordinates
 from .coordinates import heading_of as heading_of
 from .coordinates import wrapped as wrapped
-from .evaluator import ReducedRegressor as ReducedRegressor
+from .evaluation_results import Measurement as Measurement
+from .evaluation_results import ReducedRegressor as ReducedRegressor
 from .frame_rows import OffsetFrame as OffsetFrame
 from .frame_rows import axis_index as axis_index
 from .input_validation import Axes as Axes
@@ -19,7 +20,6 @@ from .input_validation import is_number as is_number
 from .input_validation import vector as vector
 from .kinematics import Kinematics as Kinematics
 from .passive_forces import ForceKind as ForceKind
-from .reduced_kinematics import Measurement as Measurement
 from .reduced_model import ReducedModel as ReducedModel
 from .row_stack import OutputStack as OutputStack
 from .rows import ConstraintKind as ConstraintKind

@@ -19,8 +19,8 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConstraintError, DivergenceError, InputError, SingularityError
 from rnc_pin.math.linear_algebra import Component, apply, apply_transposed, inverse, product, weakest_rows
 from rnc_pin.model.cached_property import cached_property
-from rnc_pin.model.evaluator import ArraysAtQ, Evaluator
 from rnc_pin.model.factorization import Factorization, factorize, row_lengths
+from rnc_pin.model.filled_arrays import NOTHING_AT_Q, ArraysAtQ, ArraySource
 from rnc_pin.model.input_validation import ArrayInput, vector
 from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.reduction_data import ReductionData
@@ -29,9 +29,6 @@ from rnc_pin.printing import ObjectSummary, SummaryMixin, counted, described
 
 _DEFICIENT = 1e-10  # share of the largest singular value up to which one counts as zero
 _AMPLIFIED = 1e10  # amplification of rounding errors above which actuators count as dependent
-
-
-NOTHING_AT_Q = ArraysAtQ()
 
 
 class ConfigurationEvaluation(SummaryMixin):
@@ -52,7 +49,7 @@ class ConfigurationEvaluation(SummaryMixin):
 
     def __init__(
         self,
-        evaluator: Evaluator,
+        evaluator: ArraySource,
         q: Array,
         same: ConfigurationEvaluation | None = None,
         t: Component | None = None,
@@ -77,7 +74,7 @@ class ConfigurationEvaluation(SummaryMixin):
         return ObjectSummary(title, [("q [rad or m]", described(self.q))])
 
     @classmethod
-    def at(cls, evaluator: Evaluator, q: Array, *, t: Component | None = None) -> ConfigurationEvaluation:
+    def at(cls, evaluator: ArraySource, q: Array, *, t: Component | None = None) -> ConfigurationEvaluation:
         """Evaluation at admitted configurations (..., nq), which become read-only, and times t (...).
 
         Raises:
@@ -90,7 +87,7 @@ class ConfigurationEvaluation(SummaryMixin):
         q.setflags(write=False)
         return cls(evaluator, q, None, t)
 
-    def in_reduction(self, evaluator: Evaluator) -> ConfigurationEvaluation:
+    def in_reduction(self, evaluator: ArraySource) -> ConfigurationEvaluation:
         """The same configurations in another reduction of the same system."""
         return ConfigurationEvaluation(evaluator, self.q, self, self.t)
 
@@ -108,7 +105,7 @@ class ConfigurationEvaluation(SummaryMixin):
         """Arrays that the evaluator has filled for q."""
         if self._equal is not None:
             return self._equal.arrays_at_q
-        return self._evaluator.fill_at_q(self, self._same)
+        return self._evaluator.fill_at_q(self, None if self._same is None else self._same.arrays_at_q)
 
     @property
     def compiled_kinematics(self) -> Array | None:

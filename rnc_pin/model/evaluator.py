@@ -1,253 +1,465 @@
-"""The door to evaluators, which fill the arrays of an evaluation, first for q, then for v.
+"""Evaluations of one reduction: the compiled kernel answers first, and the formulas where it declines.
 
-``ConfigurationEvaluation``, ``ReducedKinematics`` and ``StateEvaluation`` hold each formula once. The quantities below
-are those that an evaluator may fill, and each formula begins with the array that it has filled. NumPy fills nothing:
-see ``numpy_evaluator``. The compiled evaluator declines states inside itself: see ``compiled``.
+The kernel evaluates one state or a loop of states into records. It declines if a row is undefined, E is singular, or
+other constraint rows have to be considered. ``evaluator_for`` compares it with the formulas when a reduction is made.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from functools import partial
+from typing import NamedTuple
 
+import numpy as np
+import pinocchio as pin
 from numpy import ndarray as Array
 
+from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
-from rnc_pin.math.linear_algebra import Component
-from rnc_pin.model.factorization import Factorization
-from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
-from rnc_pin.model.passive_forces import ForceSums
+from rnc_pin.errors import InputError, SingularityError
+from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
+from rnc_pin.model.evaluation_results import ReducedTerms
+from rnc_pin.model.filled_arrays import (
+    NOTHING_AT_Q,
+    ArraysAtQ,
+    CompiledArraysAtQ,
+    CompiledArraysAtV,
+    Configurations,
+    concatenated,
+    empty_records,
+)
+from rnc_pin.model.input_validation import (
+    ArrayInput,
+    ConfigurationValidator,
+    admit_numbers,
+    admit_times,
+    broadcast_states,
+    vector,
+)
+from rnc_pin.model.kinematics import VelocityKinematics
 from rnc_pin.model.reduction_data import ReductionData
-from rnc_pin.printing import printed
+from rnc_pin.model.reduction_kernel import ReductionKernel, RunRecords
+from rnc_pin.model.state_evaluation import StateEvaluation, output_slopes
+
+_TOLERANCE = 1e-9  # largest relative difference of kernel and NumPy at the state that compares them
+_TIME = 0.3  # of rows over time [s]
+_FORMS = ("kinematic", "acceleration", "dynamic")
+_ATTEMPTS = 8  # random states that may be singular
 
 
-@printed()
-@dataclass(frozen=True)
-class ReducedTerms:
-    """All matrices of the reduced system at a state; batch axes lead."""
+class PlannedFeedback(NamedTuple):
+    """Feedback ``u + gains dx`` about planned states, within limits that the planned inputs widen."""
 
-    R: Float[Array, "*batch nv r"]
-    """Null-space basis, ``v = R v2 + b``."""
-    R_dot: Float[Array, "*batch nv r"]
-    H: Float[Array, "*batch r r"]
-    """Reduced inertia matrix."""
-    V: Float[Array, "*batch r r"]
-    """Reduced Coriolis matrix, with ``Hdot = V + V^T``."""
-    G: Float[Array, "*batch r"]
-    """Reduced gravity forces; affine constraints add forces of the motion b: ``R^T (g* + H* b_dot + C* b)``."""
-    input_matrix: Float[Array, "*batch r p"]
-    """``R^T B``, so that ``F = input_matrix @ T``."""
-    A: Float[Array, "*batch m nv"]
-    """Independent constraint rows."""
-    A_dot: Float[Array, "*batch m nv"]
-    A_star: Float[Array, "*batch k r"]
-    """Kinematics of the vertical outputs, ``x1dot = A_star v2 + J1 b``."""
-    A_star_dot: Float[Array, "*batch k r"]
-    v: Float[Array, "*batch nv"]
-    """Full velocity ``R v2 + b``."""
-    b: Float[Array, "*batch nv"]
-    """Velocity at ``v2 = 0``: zero unless constraints are affine."""
-    b_dot: Float[Array, "*batch nv"]
+    q: Float[Array, "N nq"]
+    """Planned configurations at the begin of each step."""
+    w: Float[Array, "N nw"]
+    gains: Float[Array, "K nu nx"]
+    lower: Float[Array, " nu"]
+    upper: Float[Array, " nu"]
 
 
-@printed()
-@dataclass(frozen=True)
-class LagrangianTerms:
-    """Matrices of the system before reduction, paper (1)."""
+class Evaluator:
+    """Evaluations of one reduction, by its kernel if it has one.
 
-    H: Float[Array, "*batch nv nv"]
-    C: Float[Array, "*batch nv nv"]
-    g: Float[Array, "*batch nv"]
-    B: Float[Array, "*batch nv p"]
+    Args:
+        data: the reduction.
+        kernel: its compiled kernel; None for the formulas alone, which are the reference.
 
-
-@printed()
-@dataclass(frozen=True)
-class ReducedRegressor:
-    """Columns of the reduced dynamics ``F = matrix @ p`` at states, for parameters p of the bodies.
-
-    The multipliers of all constraints are absent, because ``A R = 0``: those of wheels and of closed loops alike.
-
-    Example:
-        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
-        >>> reduced = rnc.NonholonomicSystem(robot, (), robot.joint_names[1:]).reduce()
-        >>> q, v2, v2_dot = robot.configuration({"joint_2": 1.0}), np.ones(4), np.zeros(4)
-        >>> regressor = reduced.regressor(q, v2, v2_dot)
-        >>> regressor.names[:2], regressor.matrix.shape
-        (('m of platform', 'm x of platform'), (4, 40))
-        >>> np.allclose(regressor.matrix @ regressor.parameters, reduced.inverse_dynamics(q, v2, v2_dot))
-        True
+    Attributes:
+        measures: True if ``measured`` is one call, for many runs too.
+        kept_chart: evaluator of the last velocity chart, and what defines it. Many runs start at one configuration.
     """
 
-    matrix: Float[Array, "*batch r columns"]
-    """Derivative of the reduced forces F with respect to the parameters."""
-    names: tuple[str, ...]
-    """Names of the columns: ten of each body, e.g. ``I_zz of joint_1``, then the motor inertias that the robot has.
+    def __init__(self, data: ReductionData, kernel: ReductionKernel | None = None) -> None:
+        self.data, self.kernel = data, kernel
+        self.measures = kernel is not None and kernel.measures
+        self._validator = ConfigurationValidator(data.robot)
+        self.kept_chart: tuple[tuple[object, ...], Evaluator] | None = None
 
-    Moments are about the origin of the body's joint, in its axes. A motor inertia is Pinocchio's ``armature``.
+    def __reduce__(self) -> tuple[object, ...]:  # the kernel refers to memory
+        return (Evaluator if self.kernel is None else evaluator_for), (self.data,)
+
+    def rows_changed(self) -> None:
+        """Read the parameters of constraint rows again; call it after a change of e.g. the radius of a wheel."""
+        self.kept_chart = None
+        if self.kernel is not None:
+            self.kernel.refresh()
+
+    # ------------------------------------------------------------------ evaluations
+
+    def fill_at_q(self, at: Configurations, known: ArraysAtQ | None) -> ArraysAtQ:
+        """Fill arrays for q.
+
+        Args:
+            at: evaluation at the configurations.
+            known: arrays of the same configurations in another reduction.
+        """
+        kernel, kinematics = self.kernel, None
+        if kernel is None:
+            return NOTHING_AT_Q
+        position = at.position if kernel.python_rows else None
+        if isinstance(known, CompiledArraysAtQ):
+            kinematics = known.kinematics
+            if known.kernel.data.has_rows_of(kernel.data):
+                return CompiledArraysAtQ(kernel, at.q, position, kinematics, known.inverse)
+        external = concatenated(kernel.external, position, lambda block, now: block.jacobian(now), -2)
+        batch = at.q.shape[:-1]
+        record = empty_records(batch, kernel.kinematics) if kinematics is None else kinematics
+        inverse = empty_records(batch, kernel.inverse)
+        if not kernel.calls.configure(at.q, record, inverse, external, kinematics is not None):
+            return NOTHING_AT_Q
+        return CompiledArraysAtQ(kernel, at.q, position, record, inverse)
+
+    def at(
+        self, q: ArrayInput, v2: ArrayInput | None = None, v: ArrayInput | None = None, t: ArrayInput | None = None
+    ) -> ConfigurationEvaluation | StateEvaluation:
+        """Validate and evaluate configurations or states, as ``ReducedModel.at``."""
+        q, data = self._validator.validate(q), self.data
+        if t is not None and type(t) is not float:
+            admit_numbers(t, "t")
+        t = None if t is None or not data.rheonomic else admit_times(t, q.shape[:-1])
+        if v2 is not None:
+            if v is not None:
+                raise InputError("at() takes v2 or v, not both")
+            v2 = vector(v2, data.r, "v2", data.reducing.names).copy()
+            q, v2 = broadcast_states(q, v2, "v2")
+            return StateEvaluation.at(self, q, v2, t=t)
+        if v is not None:
+            q, v = broadcast_states(q, vector(v, data.n, "v"), "v")
+            return StateEvaluation.at(self, q, v=v.copy(), t=t)
+        return ConfigurationEvaluation.at(self, q, t=t)
+
+    def state(self, q: ArrayInput, v2: ArrayInput, t: ArrayInput | None = None) -> StateEvaluation:
+        """Validate and evaluate states (q, v2)."""
+        found = self.at(q, v2, None, t)
+        if not isinstance(found, StateEvaluation):
+            raise InputError("v2 is missing: expected the reduced velocity")
+        return found
+
+    def measured(self, q: Array, v: Array, t: float | None = None) -> StateEvaluation:
+        """Evaluate one validated state (nq,), (nv,) with all that a measurement needs."""
+        kernel = self.kernel
+        if kernel is not None and kernel.measures:
+            found, status = kernel.run_records(()), np.array([1.0])
+            kernel.calls.measure(q, v, *found, status, False)
+            if status[0]:
+                return self.filled_state(kernel, q, v, found, t)
+        return StateEvaluation.at(self, q, v=v, t=t)
+
+    def filled_state(
+        self, kernel: ReductionKernel, q: Array, v: Array, records: RunRecords, t: float | None = None
+    ) -> StateEvaluation:
+        """Evaluation at states (..., nq), (..., nv) from their records, which nobody may change afterwards."""
+        records.rates.setflags(write=False)  # CompiledArraysAtQ protects those at q
+        records.values.setflags(write=False)
+        batch, r = q.shape[:-1], self.data.r
+        kinematics = np.ndarray(batch, kernel.kinematics, records.kinematics)
+        inverse = np.ndarray(batch, kernel.inverse, records.inverse)
+        rates = np.ndarray(batch, kernel.rates, records.rates)
+        values = records.values[..., r:], records.values[..., :r]
+        at_q = CompiledArraysAtQ(kernel, q, None, kinematics, inverse, values)
+        return StateEvaluation.filled(self, q, v, (at_q, CompiledArraysAtV(at_q, v, None, t, rates)), t)
+
+    # ------------------------------------------------------------------ whole calls
+
+    def forward_dynamics(self, q: ArrayInput, v2: ArrayInput, T: ArrayInput, t: ArrayInput | None) -> Array:
+        """Reduced accelerations (..., r) under inputs T (..., p)."""
+        if self.kernel is not None:
+            found = self._called(self.kernel.calls.forward_dynamics, (q, v2, T), t)
+            if found is not None:
+                return found
+        return self.state(q, v2, t).v2_dot(T)
+
+    def inverse_dynamics(self, q: ArrayInput, v2: ArrayInput, v2_dot: ArrayInput, t: ArrayInput | None) -> Array:
+        """Reduced forces (..., r) for accelerations v2_dot (..., r)."""
+        if self.kernel is not None:
+            found = self._called(self.kernel.calls.inverse_dynamics, (q, v2, v2_dot), t)
+            if found is not None:
+                return found
+        return self.state(q, v2, t).inverse_dynamics(v2_dot)
+
+    def _called(
+        self, call: Callable[..., Array | None], arguments: tuple[ArrayInput, ...], t: ArrayInput | None
+    ) -> Array | None:
+        """Result of a call of the kernel; None if the formulas have to decide. Lists are converted first."""
+        rates = None if t is None else self._rates(t, arguments[0])
+        try:
+            found = call(*arguments, rates)
+            if found is None and any(type(each) is not Array or each.dtype != float for each in arguments):
+                with suppress(InputError):  # NumPy's path names what is wrong
+                    found = call(*(np.ascontiguousarray(admit_numbers(each, "")) for each in arguments), rates)
+            return found
+        except ValueError:  # of Pinocchio
+            self.data.robot.check_unchanged()
+            raise
+
+    def _rates(self, t: ArrayInput | None, q: ArrayInput | None = None) -> Array | None:
+        """Right-hand sides of constraints over one time t of states q; None for other constraints and other times."""
+        if t is not None and type(t) is not float:
+            admit_numbers(t, "t")
+        if self.kernel is None or not self.data.rheonomic or not isinstance(t, float | int | np.floating):
+            return None
+        return self.kernel.rates_at(float(t), q.shape[:-1] if isinstance(q, Array) else ())
+
+    def terms(self, q: ArrayInput, v2: ArrayInput) -> ReducedTerms:
+        """All matrices at states (..., nq), (..., r)."""
+        kernel = self.kernel
+        self.data.robot.check_unchanged()
+        numbers = None if kernel is None or not type(q) is type(v2) is Array else kernel.calls.terms(q, v2)
+        if kernel is None or numbers is None:
+            return self.state(q, v2).terms()
+        numbers.setflags(write=False)
+        record = np.ndarray(numbers.shape[:-1], kernel.terms, numbers)
+        m = self.data.m
+        terms = object.__new__(ReducedTerms)  # its own constructor takes as long as all matrices of a small system
+        vars(terms).update(
+            R=record["E_inverse"][..., m:],
+            R_dot=record["R_dot"],
+            H=record["H"],
+            V=record["V"],
+            G=record["G"],
+            input_matrix=record["input_matrix"],
+            A=record["E"][..., :m, :],
+            A_dot=record["E_dot"][..., :m, :],
+            A_star=record["A_star"],
+            A_star_dot=record["A_star_dot"],
+            v=record["v"],
+            b=record["b"],
+            b_dot=record["b_dot"],
+        )
+        return terms
+
+    def output_slopes(self, q: Array, along: Sequence[int] | Array) -> Array:
+        """Rates (..., s, k, r) of A_star in the motions of single reducing outputs.
+
+        Args:
+            q: configurations (nq,) or (B, nq).
+            along: indices of the outputs (s,).
+        """
+        return np.ascontiguousarray(np.moveaxis(output_slopes(self.at(q), along), 0, -3))
+
+    def state_derivative(
+        self, q: Array, v2: Array, T: Array, external: Array | None, damping: Array | None, t: float | None = None
+    ) -> tuple[Array, Array]:
+        """Full velocity, and rates of v2, of the integrals of J1 v, of a time, and of the work.
+
+        Args:
+            q: one configuration (nq,); all arrays are contiguous floats.
+            v2: reduced velocities (r,).
+            T: actuator inputs (p,).
+            external: generalized forces (nv,) in addition to inputs and damping; None for zero.
+            damping: viscous coefficients (nv,); None for zero.
+            t: time for constraints that depend on it [s].
+        """
+        kernel, data, n = self.kernel, self.data, self.data.n
+        found = np.empty(n + data.r + data.vertical.size + 1 + data.rheonomic)
+        if kernel is not None and kernel.calls.state_derivative(
+            q, None, v2, T, external, damping, self._rates(t), found
+        ):
+            return found[:n], found[n:]
+        return state_rates(StateEvaluation.at(self, q, v2, t=t), T, damping, external)
+
+    def admissible_velocity(self, q: Array, v2: Array, t: float | None = None) -> tuple[Array, float]:
+        """Full velocity (nv,) at one state, and the sum of the squares of R."""
+        if self.kernel is not None:
+            calls, v, size = self.kernel.calls, np.empty(self.data.n), np.empty(1)
+            calls.admissible_velocities((calls,), q, v2, self._rates(t), None, v, size)
+            if size[0] < np.inf:
+                return v, size[0]
+        state = StateEvaluation.at(self, q, v2, t=t)
+        return state.v, float(np.square(state.R).sum())
+
+    # ------------------------------------------------------------------ calls of the kernel that have no formula here
+
+    def state_derivatives(
+        self, q: ArrayInput, v2: ArrayInput, T: ArrayInput, t: ArrayInput | None = None
+    ) -> Mapping[str, Array] | None:
+        """Derivatives by name, as read-only views; None if ``analysis.derivatives`` has to evaluate them."""
+        kernel = self.kernel
+        if kernel is None or not type(q) is type(v2) is type(T) is Array:
+            return None
+        numbers = kernel.calls.state_derivatives(q, v2, T, self._rates(t, q))
+        if numbers is None:
+            return None
+        numbers.setflags(write=False)
+        record = np.ndarray(numbers.shape[:-1], kernel.derivatives, numbers)
+        return {name: record[name] for name in kernel.derivatives.names or ()}
+
+    def integrate(self, q: Array, y: Array, T: Array, h: float, steps: int) -> tuple[Array, Array, float] | None:
+        """Configuration and y after equal Runge-Kutta steps, and their roughness; None if an integrator has to step.
+
+        Args:
+            q: configuration (nq,); all arrays are contiguous floats.
+            y: reduced velocities v2, integrals of the rates of the vertical outputs, and work, (r + k + 1,). If the
+                constraints depend on time, it comes before the work.
+            T: actuator inputs (p,), constant.
+            h: duration of each step [s].
+            steps: number of steps.
+        """
+        kernel = self.kernel
+        if kernel is None:
+            return None
+        rates = None
+        if self.data.rheonomic and kernel.fused:
+            rates = kernel.rates_over_time((y[-2] + 0.5 * h * np.arange(2 * steps + 1)).tolist())
+        q_end, y_end, status, rough = np.empty(q.shape), np.empty(y.shape), np.empty(1), np.empty(1)
+        found = q_end, y_end, status, rough
+        kernel.calls.integrate((kernel.calls,), q, y, T, h, steps, None, *found, rates, None, None, None)
+        return (q_end, y_end, float(rough[0])) if status[0] else None
+
+    def planned_motion(
+        self, form: str, start: tuple[Array, Array], u: Array, h: float, steps: int, feedback: PlannedFeedback | None
+    ) -> tuple[Array, Array, Array] | None:
+        """States (K steps, nq), (K steps, nw) after each midpoint step, and their inputs; None if Python has to step.
+
+        Args:
+            form: "kinematic", "acceleration" or "dynamic": inputs are v2, v2_dot or T.
+            start: configuration (nq,) and reduced velocities (nw,), of which the kinematic form has none.
+            u: inputs (K, nu), constant over intervals.
+            h: duration of a step [s].
+            steps: steps of each interval.
+            feedback: feedback about planned states; None without.
+        """
+        kernel = self.kernel
+        if kernel is None:
+            return None
+        q, w = (np.array(each, dtype=float) for each in start)
+        K, nu = u.shape
+        found = np.empty((K * steps, len(q) + len(w) + nu))
+        gains = planned = None
+        limits = np.zeros((2, nu))
+        if feedback is not None:
+            gains = np.ascontiguousarray(feedback.gains)
+            planned, limits = np.hstack([feedback.q, feedback.w]), np.stack([feedback.lower, feedback.upper])
+        difference = partial(pin.difference, self.data.robot.model)
+        arrays = (gains, planned, limits, difference, np.empty_like(q), np.empty_like(q), found)
+        if not kernel.calls.planned_motion(_FORMS.index(form), K, steps, h, q, w, np.ascontiguousarray(u), *arrays):
+            return None
+        return found[:, : len(q)], found[:, len(q) : -nu], found[:, -nu:]
+
+    def planned_steps(self, form: str, q: Array, w: Array, u: Array, h: Array) -> tuple[Array, Array] | None:
+        """States (n, nq), (n, nw) of nodes after one midpoint step of each; None if Python has to step.
+
+        Args:
+            form: as for ``planned_motion``.
+            q: configurations (n, nq).
+            w: reduced velocities (n, nw), of which the kinematic form has none.
+            u: inputs (n, nu).
+            h: durations of the steps (n,) [s].
+        """
+        kernel = self.kernel
+        if kernel is None:
+            return None
+        found = np.empty((len(q), q.shape[1] + w.shape[1]))
+        arrays = (np.ascontiguousarray(each, dtype=float) for each in (q, w, u, h))
+        if not kernel.calls.planned_steps(_FORMS.index(form), *arrays, found):
+            return None
+        return found[:, : q.shape[1]], found[:, q.shape[1] :]
+
+    def planned_derivatives(
+        self, form: str, q: Array, w: Array, u: Array, h: Array
+    ) -> tuple[Mapping[str, Array], tuple[Array, Array], Array] | None:
+        """Derivatives at nodes by name, states as of ``planned_steps``, and their derivatives (n, nx, nx + nu + 1).
+
+        The last are by state, input and step. None if formulas have to evaluate them. Arguments are as of
+        ``planned_steps``.
+        """
+        kernel = self.kernel
+        if kernel is None:
+            return None
+        (n, nq), nx = q.shape, self.data.n + w.shape[1]
+        if not self.data.kinematics.axes_are_constant:
+            return None
+        record, after = np.empty(n, kernel.derivatives), np.empty((n, nq + w.shape[1]))
+        slopes = np.empty((n, nx, nx + u.shape[1] + 1))
+        arrays = (np.ascontiguousarray(each, dtype=float) for each in (q, w, u, h))
+        if not kernel.calls.planned_derivatives(_FORMS.index(form), *arrays, record, after, slopes):
+            return None
+        first = {name: record[name] for name in kernel.derivatives.names or ()}
+        return first, (after[:, :nq], after[:, nq:]), slopes
+
+    def chart_rate(self, q: Array, x: Array, T: Array, damping: Array | None) -> Array | None:
+        """Rates of local coordinates ``x = (u, y)`` at ``q (+) u``; None if an integrator has to compute them.
+
+        Args:
+            q: configuration (nq,) at the centre; all arrays are contiguous floats.
+            x: coordinates u (nv,), then y as for ``integrate``.
+            T: actuator inputs (p,).
+            damping: viscous coefficients (nv,); None for zero.
+        """
+        kernel = self.kernel
+        if kernel is None:
+            return None
+        found, n = np.empty(len(x)), self.data.n
+        state, rates = (q, x[:n], x[n : n + self.data.r]), self._rates(float(x[-2]))
+        return found if kernel.calls.state_derivative(*state, T, None, damping, rates, found) else None
+
+
+def state_rates(state: StateEvaluation, T: Array, damping: Array | None, external: Array | None) -> tuple[Array, Array]:
+    """Full velocity at a state, and the rates of v2, the integrals of J1 v, the time if rheonomic, and the work."""
+    v, v2_dot, power = state.flow(T, damping, external)
+    return v, np.concatenate([v2_dot, state.v1, [power] if state.t is None else [1.0, power]])
+
+
+def evaluator_for(data: ReductionData, known: Evaluator | None = None) -> Evaluator:
+    """Evaluator of a reduction: compiled if the kernel agrees with NumPy at a random state.
+
+    Args:
+        data: the reduction.
+        known: evaluator of another reduction of the same system. Rows that were compared for it are not compared again.
     """
-    parameters: Float[Array, " columns"]
-    """Values of the parameters in the robot."""
+    if _kernel.library is _kernel.NUMPY_ALONE or not data.kinematics.axes_are_constant:
+        return Evaluator(data)
+    compared = known is not None and known.kernel is not None and data.varies_as(known.data)
+    try:
+        found = Evaluator(data, ReductionKernel(data))
+        difference = 0.0 if compared else _difference(found)
+    except ValueError as error:
+        _warn(str(error))
+        return Evaluator(data)
+    if difference is not None and not difference < _TOLERANCE:
+        _warn(f"it differs from NumPy by {difference:.1e} (relative), limit {_TOLERANCE:.0e}")
+    return found if difference is not None and difference < _TOLERANCE else Evaluator(data)
 
 
-@printed()
-class StateDerivative(NamedTuple):
-    """Time derivative of a state, with the power of all forces."""
-
-    v: Array  # (..., nv), full velocity
-    v2_dot: Array  # (..., r), reduced acceleration
-    power: Array | float  # (...,), power of actuators, damping and moving constraints [W]
+def _warn(why: str) -> None:
+    warnings.warn(f"the compiled kernel is not used for this model: {why}", RuntimeWarning, stacklevel=2)
 
 
-class Configurations(Protocol):
-    """Parts that evaluators read of an evaluation at configurations (..., nq) and times t (...)."""
-
-    q: Array
-    t: Component | None
-
-    @property
-    def position(self) -> PositionKinematics:
-        """Kinematics at the configurations."""
-
-    @property
-    def mu(self) -> Array:
-        """Right-hand side of the constraints (..., m)."""
-
-
-class States(Configurations, Protocol):
-    """Parts that evaluators read of an evaluation at states (..., nq), (..., nv)."""
-
-    @property
-    def v(self) -> Array:
-        """Full velocities (..., nv)."""
-
-    @property
-    def motion(self) -> VelocityKinematics:
-        """Kinematics at the states."""
+def _difference(found: Evaluator) -> float | None:
+    """Largest relative difference at a random regular state; None if there is none."""
+    data, generator = found.data, np.random.default_rng(0)
+    t = _TIME if data.rheonomic else None
+    for _ in range(_ATTEMPTS):
+        q, v = data.robot.random_configuration(generator), generator.uniform(-1.0, 1.0, data.n)
+        with suppress(SingularityError, NotImplementedError):  # a row is undefined at q, or has no rate
+            by_numpy, by_kernel = (StateEvaluation.at(each, q, v=v, t=t) for each in (Evaluator(data), found))
+            expected = _expected(data, by_numpy.position.with_velocity(v))
+            if by_kernel.arrays_at_v.rates is not None:
+                differences = [_relative(getattr(by_kernel, name), value) for name, value in expected.items()]
+                if data.affine:  # rates of the constraints at the velocity at which the reducing outputs rest
+                    moved, _ = found.admissible_velocity(q, np.zeros(data.r), t)
+                    differences.append(_relative(by_numpy.A @ moved, by_numpy.mu))
+                return max(differences)
+    return None
 
 
-class RecordEntry:
-    """Array of a record, by the name of the attribute; None without the record."""
-
-    def __init__(self, record: str) -> None:
-        self._record = record
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        self._name = name
-
-    def __get__(self, owner: object, kind: type) -> Array | None:
-        record: Array | None = getattr(owner, self._record)
-        return None if record is None else record[self._name]
-
-
-class ArraysAtQ:
-    """Arrays that an evaluator has filled for q; None where the formula of ``ConfigurationEvaluation`` decides.
-
-    NumPy's evaluator fills none. Records of the kernel have the fields of ``ReductionKernel``.
-    """
-
-    kinematics: Array | None = None
-    inverse: Array | None = None
-
-    @property
-    def vertical(self) -> Array | None:
-        """Record of J1 and A_star."""
-        return None
-
-    M = RecordEntry("kinematics")
-    E, E_inverse = RecordEntry("inverse"), RecordEntry("inverse")
-    J1, A_star = RecordEntry("vertical"), RecordEntry("vertical")
-
-    @property
-    def factorization(self) -> Factorization | None:
-        """E and its inverse."""
-        return None
-
-    @property
-    def H(self) -> Array | None:
-        """Reduced inertia matrix (..., r, r)."""
-        return None
-
-    @property
-    def varying_B(self) -> Array | None:
-        """Actuation matrix (..., nv, p)."""
-        return None
-
-    def position_of(self, data: ReductionData, at: Configurations) -> PositionKinematics:
-        """Kinematics at the configurations."""
-        return data.kinematics.position(at.q, at.t)
-
-    def output_values(self, data: ReductionData, at: Configurations) -> tuple[Array, Array]:
-        """Values x1 (..., k) and x2 (..., r); zero for quasi-velocities."""
-        return data.vertical.value(at.position), data.reducing.value(at.position)
-
-    def velocity(self, at: Configurations, v2: Array) -> Array | None:
-        """Full velocity (..., nv) for reduced velocities (..., r)."""
-        return None
-
-    def allocated(self, F: Array) -> Array | None:
-        """Actuator inputs (..., p) for reduced forces (..., r)."""
-        return None
-
-    def output_slopes(self, along: Sequence[int] | Array) -> Array | None:
-        """Rates (s, ..., k, r) of A_star in motions of single reducing outputs, by their indices (s,)."""
-        return None
+def _expected(data: ReductionData, at: VelocityKinematics) -> dict[str, Array]:
+    """Arrays of one state by NumPy, without factors of E: only SciPy computes these, and its import takes long."""
+    return {
+        "passive_force": data.forces.sums(at).total,
+        "M": at.M,
+        "E": data.stack.jacobian(at),
+        "nonlinear_effects": at.bias,
+        "gamma": data.stack.bias_acceleration(at),
+        "E_dot": data.stack.jacobian_dot(at),
+        "J1": data.vertical.jacobian(at),
+        "J1_dot": data.vertical.jacobian_dot(at),
+    }
 
 
-class HasArraysAtQ(Protocol):
-    """Evaluation whose arrays an evaluator has filled, or fills on first use."""
-
-    @property
-    def arrays_at_q(self) -> ArraysAtQ:
-        """Arrays that the evaluator has filled for q."""
-
-
-class ArraysAtV:
-    """Arrays that an evaluator has filled for q and v; None where the formula of ``StateEvaluation`` decides."""
-
-    @property
-    def biases(self) -> Array | None:
-        """Record of the forces and accelerations at zero inputs."""
-        return None
-
-    @property
-    def rates(self) -> Array | None:
-        """Record of rates along v."""
-        return None
-
-    nonlinear_effects, gamma = RecordEntry("biases"), RecordEntry("biases")
-    E_inverse_gamma, motion_force = RecordEntry("biases"), RecordEntry("biases")
-    E_dot, R_dot = RecordEntry("rates"), RecordEntry("rates")
-    J1_dot, A_star, A_star_dot = RecordEntry("rates"), RecordEntry("rates"), RecordEntry("rates")
-
-    @property
-    def row_velocities(self) -> Array | None:
-        """Rates ``E v`` of the constraint rows and of the reducing outputs, (..., nv)."""
-        return None
-
-    @property
-    def v1(self) -> Array | None:
-        """Rates ``J1 v`` of the vertical outputs, (..., k)."""
-        return None
-
-    @property
-    def passive_sums(self) -> ForceSums | None:
-        """Sums of the passive forces."""
-        return None
-
-    def accelerated(self, force: Array) -> Array | None:
-        """Reduced acceleration (..., r) under generalized forces (..., nv), passive ones included."""
-        return None
-
-
-class Evaluator(Protocol):
-    """Source of the arrays of the evaluations in one reduction, ``data``; what it has filled is read-only."""
-
-    data: ReductionData
-
-    def fill_at_q(self, at: Configurations, same: HasArraysAtQ | None) -> ArraysAtQ:
-        """Fill arrays for q, perhaps from those of the same configurations in another reduction."""
-
-    def fill_at_v(self, at: States, filled: ArraysAtQ) -> ArraysAtV:
-        """Fill arrays for v, from those for q."""
+def _relative(found: Array, expected: Array) -> float:
+    scale = max(float(np.abs(expected).max(initial=0.0)), 1e-3)
+    return float(np.abs(found - expected).max(initial=0.0)) / scale

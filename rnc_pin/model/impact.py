@@ -14,7 +14,7 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConstraintError, InputError, nearest
 from rnc_pin.math.linear_algebra import apply, apply_transposed, solve_positive_definite
 from rnc_pin.model.assembly import Assembly
-from rnc_pin.model.compiled import evaluator_for
+from rnc_pin.model.evaluator import evaluator_for
 from rnc_pin.model.input_validation import ArrayInput, is_number, numbers_of
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.reduction_data import best_entries

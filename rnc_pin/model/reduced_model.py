@@ -15,12 +15,11 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.assembly import Assembly
-from rnc_pin.model.compiled import evaluator_for
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
-from rnc_pin.model.evaluator import LagrangianTerms, ReducedRegressor, ReducedTerms
+from rnc_pin.model.evaluation_results import LagrangianTerms, ReducedRegressor, ReducedTerms
+from rnc_pin.model.evaluator import Evaluator, evaluator_for
 from rnc_pin.model.independence import DroppedRow
 from rnc_pin.model.input_validation import ArrayInput, ConfigurationValidator
-from rnc_pin.model.numpy_evaluator import NumPyEvaluator
 from rnc_pin.model.passive_forces import PassiveForces
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.row_stack import OutputStack, RowStack
@@ -70,7 +69,7 @@ class ReducedModel(SummaryMixin):
         return self._data
 
     @property
-    def evaluator(self) -> NumPyEvaluator:
+    def evaluator(self) -> Evaluator:
         """Evaluator that fills the arrays of evaluations, compiled or by NumPy."""
         return self._evaluator
 

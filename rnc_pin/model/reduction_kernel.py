@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -252,6 +253,16 @@ def _placements(data: pin.Data, joints: int) -> Array:
     return np.lib.stride_tricks.as_strided(first, (12, joints), (8, 96))
 
 
+class RunRecords(NamedTuple):
+    """Quantities of states (..., size) each; rows of runs that were not measured are undefined."""
+
+    kinematics: Array
+    inverse: Array
+    rates: Array
+    values: Array
+    """Values of the reducing outputs, then of the vertical ones."""
+
+
 class ReductionKernel:
     """Kernel for the rows, outputs and actuators of a reduction.
 
@@ -299,6 +310,16 @@ class ReductionKernel:
         )
         self.measures = not (self.python_rows or any(self.python_values))
         self.measured_sizes = *(each.itemsize // 8 for each in (self.kinematics, self.inverse, self.rates)), r + k
+
+    def run_records(self, batch: tuple[int, ...], kinematics: Array | None = None) -> RunRecords:
+        """Records of measurements without values; kinematics: those of the states, if known."""
+        first, inverse, rates, values = self.measured_sizes
+        return RunRecords(
+            np.empty((*batch, first)) if kinematics is None else kinematics,
+            np.empty((*batch, inverse)),
+            np.empty((*batch, rates)),
+            np.empty((*batch, values)),
+        )
 
     def refresh(self) -> None:
         """Read the numbers of the constraint rows again, after a parameter of one changed."""

@@ -9,11 +9,10 @@ import pinocchio as pin
 
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import clipped, null_space
-from rnc_pin.model.compiled import evaluator_for
+from rnc_pin.model.evaluator import Evaluator, evaluator_for, state_rates
 from rnc_pin.model.factorization import constraint_rows
 from rnc_pin.model.input_validation import vector
 from rnc_pin.model.integrators import LieRungeKutta4, Rate
-from rnc_pin.model.numpy_evaluator import NumPyEvaluator, state_rates
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.rows import ConstantRows, OutputRows
@@ -44,7 +43,7 @@ class VelocityChart:
         evaluator: evaluator of the reduction to w.
     """
 
-    def __init__(self, known: NumPyEvaluator, q: np.ndarray, integrated: OutputStack, t: float | None = None) -> None:
+    def __init__(self, known: Evaluator, q: np.ndarray, integrated: OutputStack, t: float | None = None) -> None:
         data, m = known.data, known.data.m
         A = constraint_rows(data, data.kinematics.position(q, t))
         # Rows in metres and in radians, scaled to equal lengths, have equal weight in the rank.

@@ -13,7 +13,7 @@ import scipy
 from numpy import ndarray as Array
 
 from rnc_pin.math.linear_algebra import apply_transposed
-from rnc_pin.model.compiled import Dissipation, RunStarts, runs_of
+from rnc_pin.model.compiled_runs import Dissipation, RunStarts, runs_of
 from rnc_pin.model.integrators import ExponentialRungeKutta4, LieRungeKutta4, LinearPart, phi_functions
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation

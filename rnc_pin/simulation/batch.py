@@ -21,9 +21,9 @@ from rnc_pin.control.velocity_tracker import VelocityTracker
 from rnc_pin.errors import InputError, RncError
 from rnc_pin.interruption import interruptible, uninterrupted
 from rnc_pin.math.linear_algebra import apply, clipped
-from rnc_pin.model.compiled import RunStarts, runs_of
+from rnc_pin.model.compiled_runs import RunStarts, runs_of
+from rnc_pin.model.evaluator import Evaluator
 from rnc_pin.model.input_validation import numbers_of
-from rnc_pin.model.numpy_evaluator import NumPyEvaluator
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import ReducedPlant
 from rnc_pin.plants.constrained_dynamics import MAX_GROWTH
@@ -269,7 +269,7 @@ class _Batch:
         ) = _rows((motion, self._deficit, self._state), staying)
 
 
-def _chart(evaluator: NumPyEvaluator) -> object:
+def _chart(evaluator: Evaluator) -> object:
     """Chart of a run for the kernel; None if the kernel cannot use it."""
     runs = runs_of(evaluator)
     return None if runs is None else runs.chart

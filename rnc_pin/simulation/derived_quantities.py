@@ -11,8 +11,7 @@ from numpy import ndarray as Array
 from rnc_pin.analysis import NormalForces
 from rnc_pin.math.linear_algebra import apply, apply_transposed
 from rnc_pin.model.cached_property import once_per_model
-from rnc_pin.model.compiled import evaluator_for
-from rnc_pin.model.numpy_evaluator import NumPyEvaluator
+from rnc_pin.model.evaluator import Evaluator, evaluator_for
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.reduction_data import best_entries
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -123,12 +122,12 @@ class DerivedQuantities:
 
 
 @once_per_model
-def _free_evaluators(reduced: ReducedModel) -> dict[tuple[int, ...], NumPyEvaluator]:
+def _free_evaluators(reduced: ReducedModel) -> dict[tuple[int, ...], Evaluator]:
     """Evaluators in the reductions to entries of v that were needed last."""
     return {}
 
 
-def _free_evaluator(reduced: ReducedModel, entries: tuple[int, ...]) -> NumPyEvaluator:
+def _free_evaluator(reduced: ReducedModel, entries: tuple[int, ...]) -> Evaluator:
     """Evaluator for entries of v, kept for the next runs; others are selected where these are dependent."""
     known = _free_evaluators(reduced)
     if entries not in known:

@@ -13,8 +13,8 @@ from rnc_pin.control.loop import ControlLoop, LoopOptions, LoopState, VelocityIn
 from rnc_pin.control.loop.loop_state import with_late_tick
 from rnc_pin.control.loop.options import admit_controller, admit_model, type_name
 from rnc_pin.errors import ConfigurationError, DivergenceError, InputError
+from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.input_validation import numbers_of
-from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import Plant, ReducedPlant

@@ -13,7 +13,7 @@ from rnc_pin.control.loop import LoopOptions
 from rnc_pin.control.loop.options import type_name
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.io.json import Json
-from rnc_pin.model.reduced_kinematics import Measurement
+from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants import Plant
 from rnc_pin.printing import printed

@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike
 from rnc_pin.control.controller import Command
 from rnc_pin.errors import InputError, RncError
 from rnc_pin.io.json import to_json_mapping
+from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.input_validation import is_number, vector
-from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
 from rnc_pin.robots.robot import Robot

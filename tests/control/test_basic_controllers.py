@@ -11,7 +11,7 @@ from refusals import refused
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import ComputedTorque, ReducingOutputController, StateFeedback, VelocityTarget
 from rnc_pin.model.coordinates import Coordinates
-from rnc_pin.model.reduced_kinematics import Measurement
+from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.motion.planning import Hold
 from simple_controllers import Counting
 from systems import random_states, space_robot

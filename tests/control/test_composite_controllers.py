@@ -10,7 +10,7 @@ from controlled_tasks import Cubic
 from places import ROOT
 from rnc_pin.control import JacobianTransposeController, PositionTracker, SplitController, effective_inertia
 from rnc_pin.control.controller import Command
-from rnc_pin.model.reduced_kinematics import Measurement
+from rnc_pin.model.evaluation_results import Measurement
 from systems import random_states, space_robot
 
 ON = ["joint_3", "joint_1"]

@@ -9,7 +9,7 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.control import Command, Estimator, UncertainController, UnknownRadius, UnknownTrack, WheelRegressor
 from rnc_pin.control.estimation import EstimatorState, adapt
-from rnc_pin.model.reduced_kinematics import Measurement
+from rnc_pin.model.evaluation_results import Measurement
 from textbook_systems import reduced_cart, two_wheeled_cart
 
 

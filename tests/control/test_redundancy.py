@@ -6,7 +6,7 @@ import pytest
 import rnc_pin as rnc
 from controlled_tasks import Cubic, manipulator, task_at, wide
 from rnc_pin.control import Posture, RedundancyController
-from rnc_pin.model.reduced_kinematics import Measurement
+from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.motion.planning import Hold
 from systems import random_states
 from tolerances import ROUNDING

@@ -8,7 +8,7 @@ import rnc_pin as rnc
 from controlled_tasks import TASK
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import DrivenPath, SlitheringReference, SteeringController
-from rnc_pin.model.reduced_kinematics import Measurement
+from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.robots.robot_files import find_urdf
 from systems import fire_truck
 

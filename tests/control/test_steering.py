@@ -9,7 +9,8 @@ import pytest
 import rnc_pin as rnc
 from controlled_tasks import Cubic, task_at
 from rnc_pin.control import OuterGains, SteeringController
-from rnc_pin.model.reduced_kinematics import Measurement, kinematic_gradient
+from rnc_pin.model.evaluation_results import Measurement
+from rnc_pin.model.state_evaluation import kinematic_gradient
 from systems import fire_truck, random_states
 from tolerances import FINITE_DIFFERENCE
 

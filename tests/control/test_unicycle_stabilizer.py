@@ -6,7 +6,7 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.control import UnicycleStabilizer
 from rnc_pin.control.unicycle_stabilizer import DrivingState
-from rnc_pin.model.reduced_kinematics import Measurement
+from rnc_pin.model.evaluation_results import Measurement
 from tolerances import ROUNDING
 
 # ---------------------------------------------------------------------- unicycle

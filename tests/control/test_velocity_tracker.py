@@ -6,7 +6,7 @@ import pytest
 import rnc_pin as rnc
 from controlled_tasks import gains_along, learnt_over, space_robot_task
 from rnc_pin.control import ReducingOutputController, TrackerState, VelocityGains, VelocityTarget, VelocityTracker
-from rnc_pin.model.reduced_kinematics import Measurement
+from rnc_pin.model.evaluation_results import Measurement
 from simple_controllers import Counting, Memoryless
 from systems import space_robot_in_joints
 

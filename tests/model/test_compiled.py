@@ -18,10 +18,9 @@ from plain_kinematics import Plain, near
 from rnc_pin import _kernel
 from rnc_pin.math.linear_algebra import null_space
 from rnc_pin.model import reduction_kernel
-from rnc_pin.model.compiled import evaluator_for
-from rnc_pin.model.compiled_states import CompiledArraysAtQ, CompiledArraysAtV, KnownKinematics
+from rnc_pin.model.evaluator import Evaluator, evaluator_for
+from rnc_pin.model.filled_arrays import CompiledArraysAtQ, CompiledArraysAtV, KnownKinematics
 from rnc_pin.model.kinematics import OWN_AXES, WORLD_AXES
-from rnc_pin.model.numpy_evaluator import NumPyEvaluator
 from rnc_pin.model.reduction_kernel import ReductionKernel
 from systems import four_bar, free_arm, mobile_manipulator, random_states, space_robot_in_joints, tiago
 
@@ -56,7 +55,7 @@ def test_lists_and_other_numbers_take_the_kernel_too(form, monkeypatch):
     ((q, v2),) = random_states(reduced, 1)
     q, v2, T = (np.float32(each).astype(float) for each in (q, v2, np.arange(reduced.p)))
     expected = reduced.forward_dynamics(q, v2, T)
-    numpy_path = "rnc_pin.model.numpy_evaluator.NumPyEvaluator.forward_dynamics"
+    numpy_path = "rnc_pin.model.evaluator.Evaluator.state"
     monkeypatch.setattr(numpy_path, lambda *_: pytest.fail("NumPy evaluates"))
     assert np.array_equal(reduced.forward_dynamics(*map(form, (q, v2, T))), expected)
 
@@ -79,7 +78,7 @@ def test_another_result_than_numpy_is_not_used(monkeypatch):
     robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
     with pytest.warns(RuntimeWarning, match="kernel is not used for this model: it differs from NumPy by"):
         reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
-    assert not reduced.evaluator.compiled
+    assert not reduced.evaluator.kernel
     assert reduced.at(robot.configuration(), [0.1, 0.2]).v.shape == (3,)
 
 
@@ -105,7 +104,7 @@ def test_another_memory_layout_is_not_used(monkeypatch):
     system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")])
     with pytest.warns(RuntimeWarning, match="not stored by columns"):
         reduced = system.reduce()
-    assert not reduced.evaluator.compiled
+    assert not reduced.evaluator.kernel
 
 
 @needs_library
@@ -193,7 +192,7 @@ def test_a_wrong_rate_over_time_is_not_used(monkeypatch):
             lambda self, t, k=wrong: [x * (1 + (i == k)) for i, x in enumerate(self._at(t)[1:])],
         )
         with pytest.warns(RuntimeWarning, match="kernel is not used for this model: it differs from NumPy by"):
-            assert not driven_arm().reduce().evaluator.compiled
+            assert not driven_arm().reduce().evaluator.kernel
 
 
 @needs_library
@@ -204,8 +203,8 @@ def test_whole_calls_of_a_compiled_evaluator_are_those_of_numpy_where_it_decline
     W = null_space(reduced.at(q).A).T
     W[1] = np.cos(1e-4) * W[0] + np.sin(1e-4) * W[1]
     data = reduced.reduction_data.in_velocities(W, free=True)
-    compiled, plain = evaluator_for(data, reduced.evaluator), NumPyEvaluator(data)
-    assert compiled.compiled
+    compiled, plain = evaluator_for(data, reduced.evaluator), Evaluator(data)
+    assert compiled.kernel
     assert compiled.at(q).compiled_kinematics is None
     T, external, damping = np.ones(data.p), np.full(data.n, 0.1), np.full(data.n, 0.2)
     for call in (
@@ -223,7 +222,7 @@ def test_an_evaluator_is_made_again_from_its_data():
     reduced = mobile_manipulator()
     ((q, v2),) = random_states(reduced, 1)
     copied = deepcopy(reduced)
-    assert copied.evaluator.compiled == reduced.evaluator.compiled
+    assert (copied.evaluator.kernel is None) == (reduced.evaluator.kernel is None)
     assert copied.evaluator.data is copied.reduction_data
     T = np.ones(reduced.p)
     np.testing.assert_array_equal(copied.forward_dynamics(q, v2, T), reduced.forward_dynamics(q, v2, T))
@@ -238,16 +237,16 @@ def test_rows_that_were_compared_are_not_compared_again(monkeypatch):
     """Velocities ``W v`` have constant rows; other outputs are new."""
     reduced = tiago()
     data, compared = reduced.reduction_data, []
-    monkeypatch.setattr("rnc_pin.model.compiled._difference", lambda found: compared.append(found.data) or 0.0)
+    monkeypatch.setattr("rnc_pin.model.evaluator._difference", lambda found: compared.append(found.data) or 0.0)
     entries = data.in_entries(range(data.r))
     assert entries.varies_as(data)
-    assert evaluator_for(entries, reduced.evaluator).compiled
+    assert evaluator_for(entries, reduced.evaluator).kernel
     assert not compared
     other = replace(data, vertical=type(data.vertical)([rnc.FramePosition(tiago_frame(reduced)).bind(data.robot)]))
     assert not other.varies_as(data)
     evaluator_for(other, reduced.evaluator)
     evaluator_for(entries)
-    evaluator_for(entries, NumPyEvaluator(data))
+    evaluator_for(entries, Evaluator(data))
     assert compared == [other, entries, entries]
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import systems
-from rnc_pin.model.numpy_evaluator import NumPyEvaluator, PlannedFeedback
+from rnc_pin.model.evaluator import Evaluator, PlannedFeedback
 from rnc_pin.motion.optimal import Nodes, action_model
 from systems import random_states
 
@@ -34,7 +34,7 @@ def test_the_compiled_motion_is_that_of_the_steps(name, form, monkeypatch):
     model = action_model(reduced, form)
     ((q, v2),) = random_states(reduced, 1)
     start, u = (q, v2[: model.nw]), 0.1 * generator.normal(size=(3, model.nu))
-    if type(reduced.evaluator) is NumPyEvaluator:
+    if reduced.evaluator.kernel is None:
         assert reduced.evaluator.planned_motion(form, start, u, 1e-3, 4, None) is None
         return
     states = random_states(reduced, 3)
@@ -42,7 +42,7 @@ def test_the_compiled_motion_is_that_of_the_steps(name, form, monkeypatch):
     after = reduced.evaluator.planned_steps(form, *nodes, u, np.array([1e-3, 0.0, 0.02]))
     twice = [np.repeat(each, 2, axis=0) for each in (*nodes, u)]
     shared = reduced.evaluator.planned_steps(form, *twice, np.tile([1e-3, 0.02], 3))
-    monkeypatch.setattr(type(reduced.evaluator), "planned_steps", NumPyEvaluator.planned_steps)
+    monkeypatch.setattr(Evaluator, "planned_steps", lambda *_: None)
     for one, other in zip(after, model.step(nodes, u, np.array([1e-3, 0.0, 0.02])), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-13, atol=1e-13)
     apart = model.step(Nodes(*twice[:2]), twice[2], np.tile([1e-3, 0.02], 3))

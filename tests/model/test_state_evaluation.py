@@ -10,15 +10,13 @@ import rnc_pin as rnc
 from bodies import add_body, add_frame
 from rnc_pin.control import PositionTracker, RedundancyController, VelocityGains, VelocityTracker
 from rnc_pin.model.actuation import Actuation
-from rnc_pin.model.compiled import evaluator_for
+from rnc_pin.model.evaluator import Evaluator, evaluator_for
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.numpy_evaluator import NumPyEvaluator
 from rnc_pin.model.passive_forces import PassiveForces
-from rnc_pin.model.reduced_kinematics import kinematic_gradient
 from rnc_pin.model.reduction_data import ReductionData, VelocityRows
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.rows import OutputRows
-from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.model.state_evaluation import StateEvaluation, kinematic_gradient
 from rnc_pin.motion.planning import Hold
 from systems import ALL, mobile_manipulator, random_states, space_robot, spinning_space_robot, tiago, without_outputs
 from tolerances import KKT, ROUNDING
@@ -318,7 +316,7 @@ def built():
     still = Actuation(generator.normal(size=(N, 4)), robot)
     steady = ReductionData(robot, RowStack([]), (), still, OutputStack([]), OutputStack([]), 1e8, lengths[:0], *shared)
     return SimpleNamespace(
-        robot=robot, parts=parts, evaluator=evaluator_for(parts), steady=NumPyEvaluator(steady),
+        robot=robot, parts=parts, evaluator=evaluator_for(parts), steady=Evaluator(steady),
         rows=rows, weights=weights, directions=directions, speeds=speeds,
         vertical=vertical, ends=ends, W=W,
     )  # fmt: skip
@@ -477,7 +475,7 @@ def check_measurements(system, state, i, at, found, integrals, residual):
 def test_what_was_found_goes_over_to_other_velocities_and_other_reductions(system):
     """Terms of q alone, and Pinocchio's; nothing else."""
     of_q = ("position", "B", "all_rows", "E_inverse", "J1", "R", "A_star", "H", "mu", "b")
-    of_v = ("v", "motion", "rates", "v1", "E_dot", "R_dot", "J1_dot", "A_star_dot", "b_dot", "g", "V", "G")
+    of_v = ("v", "motion", "v1", "E_dot", "R_dot", "J1_dot", "A_star_dot", "b_dot", "g", "V", "G")
     for places in (np.array(0.7), np.array(0.0), PLACES):
         q, v2 = states(system.generator, places)
         state = StateEvaluation.at(system.evaluator, q, v2)

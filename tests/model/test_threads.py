@@ -9,7 +9,7 @@ import pytest
 
 import rnc_pin as rnc
 from kinds import KINDS, driven_arm
-from rnc_pin.model.numpy_evaluator import NumPyEvaluator
+from rnc_pin.model.evaluator import Evaluator
 from systems import random_states, space_robot_in_joints
 
 THREADS, ROUNDS = 4, 100
@@ -25,7 +25,7 @@ def eager_switching():
 
 
 def by_numpy(reduced, q, v2, t):
-    state = NumPyEvaluator(reduced.reduction_data).at(q, v2)
+    state = Evaluator(reduced.reduction_data).at(q, v2)
     return np.concatenate([np.ravel(each) for each in (state.J1, state.R_dot, state.A_star_dot, state.M, state.V)])
 
 

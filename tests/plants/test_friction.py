@@ -10,7 +10,7 @@ from scipy.optimize import lsq_linear
 
 import rnc_pin as rnc
 from bodies import add_body
-from rnc_pin.model.compiled import RunStarts, runs_of
+from rnc_pin.model.compiled_runs import RunStarts, runs_of
 from rnc_pin.plants import ReducedPlant
 from rnc_pin.plants.friction import INSTANT, _least_energy
 from simple_controllers import Inputs
@@ -229,6 +229,6 @@ def test_the_kernel_takes_the_steps_of_numpy(effects):
         if len(step.friction.limits):
             forces = step.friction.forces_in_step(state, w_dot, linear, INSTANT).forces
             np.testing.assert_allclose(found[0], forces @ step.friction.rows, rtol=1e-9, atol=1e-9)
-    if reduced.evaluator.compiled:
+    if reduced.evaluator.kernel:
         assert compared > 19
         assert stopped or not joints

@@ -12,7 +12,7 @@ from browsing import changed, children, picture, place, shape_place, visit, vivi
 from patience import PATIENCE, eventually
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.model.reduced_kinematics import Measurement
+from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.visualization.browser.scene_server import SceneWindow
 from rnc_pin.visualization.drawn_state import View
 from rnc_pin.visualization.live import LiveView

@@ -22,7 +22,7 @@ from held_memory import holding_at_most
 from patience import PATIENCE, eventually
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.model.reduced_kinematics import Measurement
+from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.visualization.browser.page import in_order, is_loopback
 from rnc_pin.visualization.browser.scene_server import SceneWindow
 from rnc_pin.visualization.live import LiveView

@@ -26,8 +26,8 @@ from rnc_pin.control.loop.options import (
 )
 from rnc_pin.errors import ConstraintError, InputError, RncError, SingularityError, printable
 from rnc_pin.math.linear_algebra import apply, clipped
+from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.input_validation import own_vector
-from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.printing import ReprMixin, printed

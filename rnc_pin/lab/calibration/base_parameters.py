@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.model.evaluator import ReducedRegressor
+from rnc_pin.model.evaluation_results import ReducedRegressor
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
 

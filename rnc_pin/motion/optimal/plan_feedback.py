@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Description, listed
 from rnc_pin.errors import ConfigurationError, ConstraintError
+from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.input_validation import Positive
-from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.motion.optimal.costs import Weight, weights_of
 from rnc_pin.motion.optimal.guesses import inputs_for

@@ -22,7 +22,7 @@ from rnc_pin.control.controller import (
     nested,
 )
 from rnc_pin.errors import ConfigurationError, ModelWarning, RncError
-from rnc_pin.model.reduced_kinematics import Measurement
+from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.motion.optimal.bounds import BoundKind, Goal, GoalRows
 from rnc_pin.motion.optimal.costs import CostKind

@@ -13,8 +13,8 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, DescribedMixin, MissedGoal, VelocityTarget
 from rnc_pin.errors import ConfigurationError, RncError
+from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.input_validation import Positive, check_positive_settings
-from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.motion.optimal.bounds import BoundKind, DistanceBound, FileLimits, Goal, GoalRows, InputBound, OutputBound
 from rnc_pin.motion.optimal.costs import CostKind

@@ -11,7 +11,7 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.collision import continuous_distances
 from rnc_pin.errors import RncError
-from rnc_pin.model.numpy_evaluator import PlannedFeedback
+from rnc_pin.model.evaluator import PlannedFeedback
 from rnc_pin.motion.optimal.bounds import DistanceRows
 from rnc_pin.motion.optimal.motion_plan import Integration, PlanVerification
 from rnc_pin.motion.optimal.transcription import Iterate, Transcription

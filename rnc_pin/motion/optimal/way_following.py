@@ -11,8 +11,8 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import DescribedMixin, MissedGoal, VelocityTarget, elapsed_time
 from rnc_pin.errors import ConfigurationError
+from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.input_validation import Positive, check_positive_settings
-from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.motion.optimal.plan_feedback import regulator_gains
 from rnc_pin.motion.planning.action_models import KinematicModel, Nodes

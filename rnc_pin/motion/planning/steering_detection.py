@@ -158,7 +158,7 @@ class SteeringGeometry:
 
     def _rates(self, state: StateEvaluation) -> Array:
         """Time derivative of forward, sideways and turning speed (3,) per unit rate of the speed output."""
-        rates = state.rates
+        rates = state.motion
         W_dot = self._rows.jacobian_dot(rates) @ state.R + self._rows.jacobian(rates) @ state.R_dot
         return W_dot[:, self._speed]
 

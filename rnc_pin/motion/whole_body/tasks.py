@@ -16,10 +16,9 @@ from rnc_pin.control.controller import check_size
 from rnc_pin.control.twist_controller import TwistController
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.model.cached_property import cached_property
-from rnc_pin.model.compiled import evaluator_for
 from rnc_pin.model.coordinates import wrapped
+from rnc_pin.model.evaluator import Evaluator, evaluator_for
 from rnc_pin.model.input_validation import Axes, NotNegative
-from rnc_pin.model.numpy_evaluator import NumPyEvaluator
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.rows import ConstantRows, OutputKind
@@ -180,7 +179,7 @@ class OutputsTogether:
         self._stack = OutputStack([task.block for task in tasks])
 
     @cached_property
-    def _evaluator(self) -> NumPyEvaluator:
+    def _evaluator(self) -> Evaluator:
         return evaluator_for(self._reduced.reduction_data.measuring(self._stack), self._reduced.evaluator)
 
     @cached_property

@@ -11,8 +11,8 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Description, VelocityTarget, elapsed_time
 from rnc_pin.errors import ConfigurationError
+from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.input_validation import NotNegative, check_positive_settings
-from rnc_pin.model.reduced_kinematics import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.motion.whole_body.limits.control_limit import ControlLimit, ControlSample
 from rnc_pin.motion.whole_body.task_hierarchy import SampledDamping, lever_sum, solve_within

@@ -13,7 +13,7 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Description, LimitedAcceleration, State, nested
 from rnc_pin.errors import InputError
 from rnc_pin.io.json import Json
-from rnc_pin.model.reduced_kinematics import Measurement
+from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.motion.whole_body.limit_stack import LimitStack
 from rnc_pin.motion.whole_body.limits.control_limit import ControlLimit

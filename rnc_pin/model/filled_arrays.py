@@ -1,9 +1,13 @@
-"""Arrays at configurations and states, in records that the compiled kernel fills; see ``evaluator``."""
+"""Arrays that the compiled kernel fills for evaluations at configurations and at states.
+
+``ConfigurationEvaluation`` and ``StateEvaluation`` hold each formula once. Each begins with the array below of the same
+name. The array is None without a kernel, and at states that the kernel declines: then the formula decides.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy import ndarray as Array
@@ -11,7 +15,6 @@ from numpy import ndarray as Array
 from rnc_pin import _kernel
 from rnc_pin.math.linear_algebra import Component
 from rnc_pin.model.cached_property import cached_property
-from rnc_pin.model.evaluator import ArraysAtQ, ArraysAtV, Configurations
 from rnc_pin.model.factorization import Factorization
 from rnc_pin.model.kinematics import (
     ALL,
@@ -29,6 +32,151 @@ from rnc_pin.model.row_stack import Place
 from rnc_pin.model.rows import Rows
 
 _Kinematics = TypeVar("_Kinematics", bound=PositionKinematics)
+
+
+class Configurations(Protocol):
+    """Parts of an evaluation at configurations (..., nq) and times t (...) that filling reads."""
+
+    q: Array
+    t: Component | None
+
+    @property
+    def position(self) -> PositionKinematics:
+        """Kinematics at the configurations."""
+
+    @property
+    def mu(self) -> Array:
+        """Right-hand side of the constraints (..., m)."""
+
+
+class States(Configurations, Protocol):
+    """Parts of an evaluation at states (..., nq), (..., nv) that filling reads."""
+
+    @property
+    def v(self) -> Array:
+        """Full velocities (..., nv)."""
+
+    @property
+    def motion(self) -> VelocityKinematics:
+        """Kinematics at the states."""
+
+
+class RecordEntry:
+    """Array of a record, by the name of the attribute; None without the record."""
+
+    def __init__(self, record: str) -> None:
+        self._record = record
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, owner: object, kind: type) -> Array | None:
+        record: Array | None = getattr(owner, self._record)
+        return None if record is None else record[self._name]
+
+
+class ArraysAtQ:
+    """No arrays for q: all formulas of ``ConfigurationEvaluation`` decide.
+
+    The records have the fields that ``ReductionKernel`` lists.
+    """
+
+    kinematics: Array | None = None
+    inverse: Array | None = None
+
+    @property
+    def vertical(self) -> Array | None:
+        """Record of J1 and A_star."""
+        return None
+
+    M = RecordEntry("kinematics")
+    E, E_inverse = RecordEntry("inverse"), RecordEntry("inverse")
+    J1, A_star = RecordEntry("vertical"), RecordEntry("vertical")
+
+    @property
+    def factorization(self) -> Factorization | None:
+        """E and its inverse."""
+        return None
+
+    @property
+    def H(self) -> Array | None:
+        """Reduced inertia matrix (..., r, r)."""
+        return None
+
+    @property
+    def varying_B(self) -> Array | None:
+        """Actuation matrix (..., nv, p)."""
+        return None
+
+    def position_of(self, data: ReductionData, at: Configurations) -> PositionKinematics:
+        """Kinematics at the configurations."""
+        return data.kinematics.position(at.q, at.t)
+
+    def output_values(self, data: ReductionData, at: Configurations) -> tuple[Array, Array]:
+        """Values x1 (..., k) and x2 (..., r); zero for quasi-velocities."""
+        return data.vertical.value(at.position), data.reducing.value(at.position)
+
+    def velocity(self, at: Configurations, v2: Array) -> Array | None:
+        """Full velocity (..., nv) for reduced velocities (..., r)."""
+        return None
+
+    def allocated(self, F: Array) -> Array | None:
+        """Actuator inputs (..., p) for reduced forces (..., r)."""
+        return None
+
+    def output_slopes(self, along: Sequence[int] | Array) -> Array | None:
+        """Rates (s, ..., k, r) of A_star in motions of single reducing outputs, by their indices (s,)."""
+        return None
+
+
+class ArraysAtV:
+    """No arrays for q and v: all formulas of ``StateEvaluation`` decide."""
+
+    @property
+    def biases(self) -> Array | None:
+        """Record of the forces and accelerations at zero inputs."""
+        return None
+
+    @property
+    def rates(self) -> Array | None:
+        """Record of rates along v."""
+        return None
+
+    nonlinear_effects, gamma = RecordEntry("biases"), RecordEntry("biases")
+    E_inverse_gamma, motion_force = RecordEntry("biases"), RecordEntry("biases")
+    E_dot, R_dot = RecordEntry("rates"), RecordEntry("rates")
+    J1_dot, A_star, A_star_dot = RecordEntry("rates"), RecordEntry("rates"), RecordEntry("rates")
+
+    @property
+    def row_velocities(self) -> Array | None:
+        """Rates ``E v`` of the constraint rows and of the reducing outputs, (..., nv)."""
+        return None
+
+    @property
+    def v1(self) -> Array | None:
+        """Rates ``J1 v`` of the vertical outputs, (..., k)."""
+        return None
+
+    @property
+    def passive_sums(self) -> ForceSums | None:
+        """Sums of the passive forces."""
+        return None
+
+    def accelerated(self, force: Array) -> Array | None:
+        """Reduced acceleration (..., r) under generalized forces (..., nv), passive ones included."""
+        return None
+
+
+NOTHING_AT_Q, _NOTHING_AT_V = ArraysAtQ(), ArraysAtV()
+
+
+class ArraySource(Protocol):
+    """Source of the arrays of the evaluations in one reduction, ``data``."""
+
+    data: ReductionData
+
+    def fill_at_q(self, at: Configurations, known: ArraysAtQ | None) -> ArraysAtQ:
+        """Fill arrays for q, perhaps from those of the same configurations in another reduction."""
 
 
 class KnownKinematics(PositionKinematics):
@@ -77,7 +225,7 @@ class KnownKinematics(PositionKinematics):
 
 
 class CompiledArraysAtQ(ArraysAtQ):
-    """Arrays at regular configurations.
+    """Arrays at regular configurations, in records that the kernel has filled.
 
     Args:
         kernel: the kernel.
@@ -190,7 +338,7 @@ class CompiledArraysAtQ(ArraysAtQ):
 
 
 class CompiledArraysAtV(ArraysAtV):
-    """Arrays at states.
+    """Arrays at states, in records that the kernel fills.
 
     Args:
         at_q: arrays at the configurations.
@@ -278,6 +426,13 @@ class CompiledArraysAtV(ArraysAtV):
         rates = empty_records(at.batch, kernel.rates)
         arguments = at.q, at.kinematics, at.inverse, self._v, rows, *external, rates
         return rates if self._calls.rates(*arguments) else None
+
+
+def arrays_at_v(at: States, filled: ArraysAtQ) -> ArraysAtV:
+    """Arrays for the velocities of an evaluation, from those for its configurations."""
+    if not isinstance(filled, CompiledArraysAtQ) or at.v.shape[:-1] != filled.batch:
+        return _NOTHING_AT_V
+    return CompiledArraysAtV(filled, at.v, at.motion if filled.kernel.python_rows else None, at.t)
 
 
 def concatenated(
