@@ -37,7 +37,6 @@ from .controller import VelocityTarget as VelocityTarget
 from .controller import describe as describe
 from .controller import limited_accelerations as limited_accelerations
 from .controller import missed_goals as missed_goals
-from .estimation import AdaptedModel as AdaptedModel
 from .estimation import EstimatedModel as EstimatedModel
 from .estimation import Estimator as Estimator
 from .estimation import ParametrizedCopy as ParametrizedCopy

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import replace
 from threading import RLock
-from typing import NamedTuple, Protocol, TypeVar
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -22,17 +23,16 @@ from rnc_pin.control.feedback import apply_dead_zone
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.math.linear_algebra import apply, solve
 from rnc_pin.model.evaluation_results import Measurement
-from rnc_pin.model.evaluator import Evaluator
+from rnc_pin.model.evaluator import Evaluator, evaluator_for
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.reduction_data import ReductionData, row_scales
+from rnc_pin.model.reduction_data import row_scales
 from rnc_pin.model.row_stack import RowStack
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.printing import ReprMixin
 from rnc_pin.robots.robot import Robot
 
-_LENDING = RLock()  # of the memory that estimates of all threads share
-_Thing = TypeVar("_Thing", Robot, RowStack, ReductionData, Evaluator, ReducedModel)
+_LENDING = RLock()  # of copies that estimates of all threads share
 Bound = float | Sequence[float] | np.ndarray
 Bounds = tuple[Bound, Bound]
 
@@ -80,49 +80,65 @@ class ParametrizedCopy(NamedTuple):
     set_parameters: Callable[[Array], None]
 
 
-class EstimatedModel:
-    """Models with the same outputs and actuators, under constraints with estimated parameters.
+class EstimatedModel(ReducedModel):
+    """Reduced model under constraints with estimated parameters, at first all 1.
 
-    A model with other parameters is another model: none changes while it, a part or an evaluation of it exists. The
-    memory of models that no longer exist is used again, so that a new model costs little.
+    ``with_parameters`` returns a model that never changes. ``use`` changes this model itself, for controllers that keep
+    it; evaluations that it has returned never change either.
 
     Args:
         reduced: the model with the true constraints.
-        make_copy: function that returns new copies of its Pinocchio model and rows, with valid parameters.
+        make_copy: function that returns new copies of its Pinocchio model and rows, with parameters 1.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
         >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
         >>> reduced = system.reduce([rnc.JointPosition(f"joint_{k}") for k in (1, 2, 3)])
         >>> regressor = rnc.control.MomentumRegressor(robot, "platform", [rnc.control.UnknownMass("joint_3")])
-        >>> models = regressor.estimated(reduced)
-        >>> heavy = models.at(np.array([40.0]))
+        >>> model = regressor.estimated(reduced)
+        >>> heavy = model.with_parameters(np.array([40.0]))
         >>> heavy.robot.model.inertias[4].mass, robot.model.inertias[4].mass  # of the body behind joint_3 [kg]
         (40.0, 10.0)
+        >>> before = model.at(robot.configuration())
+        >>> model.use(np.array([40.0]))
+        >>> bool(model.at(robot.configuration()).H[0, 0] > before.H[0, 0])
+        True
     """
 
     def __init__(self, reduced: ReducedModel, make_copy: Callable[[], ParametrizedCopy]) -> None:
-        self._reduced, self._make_copy = reduced, make_copy
+        self._reduced, self._make_copy, self._copies = reduced, make_copy, list[_OwnedCopy]()
         self._scales: Array | None = None
-        self._memory = [self._allocate()]
+        super().__init__(self._evaluator_of(None), reduced.assembly)
 
     def __getstate__(self) -> dict[str, object]:
-        return {**vars(self), "_memory": []}  # a copy has memory of its own
+        return {**vars(self), "_copies": []}  # a copy makes its own
 
-    def at(self, p: Float[Array, " s"]) -> ReducedModel:
+    def with_parameters(self, p: Float[Array, " s"]) -> ReducedModel:
         """Return a model with these parameters, which never changes.
 
         Args:
             p: parameters.
         """
-        with _LENDING:  # two threads would find the same memory free
-            memory = next((each for each in self._memory if each.is_free), None)
-            if memory is None:
-                memory = self._allocate()
-                self._memory.append(memory)
-            return memory.lend(p)
+        return ReducedModel(self._evaluator_of(p), self.assembly)
 
-    def _allocate(self) -> _ModelMemory:
+    def use(self, p: Float[Array, " s"]) -> None:
+        """Evaluate with these parameters from now on.
+
+        Args:
+            p: parameters.
+        """
+        super().__init__(self._evaluator_of(p), self.assembly)
+
+    def _evaluator_of(self, p: Array | None) -> Evaluator:
+        """Evaluator of a copy that nobody uses, with parameters p (s,), or 1."""
+        with _LENDING:  # two threads would find the same copy free
+            free = next((each for each in self._copies if each.is_free), None)
+            if free is None:
+                free = self._new_copy()
+                self._copies.append(free)
+            return free.with_parameters(p)
+
+    def _new_copy(self) -> _OwnedCopy:
         copied, known = self._make_copy(), self._reduced.reduction_data
         robot = Robot(copied.model)
         count = 12  # as many as a system takes for the scales of its rows
@@ -133,88 +149,40 @@ class EstimatedModel:
         data = replace(
             known, robot=robot, rows=copied.rows, scales=self._scales, free=False, kinematics=Kinematics(robot)
         )
-        own_rows = copied.rows is not self._reduced.all_constraints
-        return _ModelMemory(ReducedModel(data, self._reduced.assembly), copied.set_parameters, own_rows)
+        return _OwnedCopy(evaluator_for(data), copied.set_parameters, copied.rows is not known.rows)
 
 
-class _Lease:
-    """Mark of the parts of a lent model. It exists as long as one of them does."""
+class _OwnedCopy:
+    """Copy of a model whose parameters are written in place, which is faster than another copy for each sample.
 
-
-class _ModelMemory:
-    """Model whose parameters change only while nobody uses it.
+    Each writing gets a robot object of its own, to which all models and evaluations of these parameters refer. The
+    copy is free when this robot no longer exists: nobody can see that its parameters change.
 
     Args:
-        model: the model.
+        evaluator: evaluator of the copy.
         set_parameters: writes parameters into it.
         has_own_rows: True if they may be parameters of its rows too, not of its bodies only.
     """
 
-    def __init__(self, model: ReducedModel, set_parameters: Callable[[Array], None], has_own_rows: bool) -> None:
-        self._model, self._set_parameters, self._has_own_rows = model, set_parameters, has_own_rows
-        self._lease: weakref.ref[_Lease] | None = None
+    def __init__(self, evaluator: Evaluator, set_parameters: Callable[[Array], None], has_own_rows: bool) -> None:
+        self._evaluator, self._set_parameters, self._has_own_rows = evaluator, set_parameters, has_own_rows
+        self._user: Callable[[], Robot | None] = lambda: None
 
     @property
     def is_free(self) -> bool:
-        """True if no part and no evaluation of the lent model exists."""
-        return self._lease is None or self._lease() is None
+        """True if no model and no evaluation refers to the parameters."""
+        return self._user() is None
 
-    def lend(self, p: Array) -> ReducedModel:
-        """Return the model with parameters p (s,)."""
-        own, lease = self._model.evaluator, _Lease()
-        self._set_parameters(p)
-        if self._has_own_rows:
-            own.rows_changed()
-        # Evaluations and other reductions of the same model hold these robot and rows.
-        robot, rows, data = _shallow(own.data.robot), _shallow(own.data.rows), _shallow(own.data)
-        vars(robot)["_lease"] = vars(rows)["_lease"] = lease
-        vars(data).update(robot=robot, rows=rows)
-        evaluator, model = _shallow(own), _shallow(self._model)
-        evaluator.data = data
-        vars(model).update(_data=data, _evaluator=evaluator)
-        self._lease = weakref.ref(lease)
-        return model
-
-
-def _shallow(thing: _Thing) -> _Thing:
-    """Return another object with the same attributes; ``copy`` drops some."""
-    other = object.__new__(type(thing))
-    vars(other).update(vars(thing))
-    return other
-
-
-class AdaptedModel(ReducedModel):
-    """Reduced model with the estimates of the last sample, for controllers that need a model.
-
-    An evaluation keeps the estimates of its construction.
-
-    Args:
-        model: the model with the first estimates.
-
-    Example:
-        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
-        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
-        >>> reduced = system.reduce([rnc.JointPosition(f"joint_{k}") for k in (1, 2, 3)])
-        >>> regressor = rnc.control.MomentumRegressor(robot, "platform", [rnc.control.UnknownMass("joint_3")])
-        >>> models = regressor.estimated(reduced)
-        >>> model = rnc.control.AdaptedModel(models.at(np.array([20.0])))
-        >>> before = model.at(robot.configuration())
-        >>> model.use(models.at(np.array([40.0])))
-        >>> after = model.at(robot.configuration())
-        >>> bool(after.H[0, 0] > before.H[0, 0])
-        True
-    """
-
-    def __init__(self, model: ReducedModel) -> None:
-        self.use(model)
-
-    def use(self, model: ReducedModel) -> None:
-        """Evaluate another model from now on.
-
-        Args:
-            model: the model.
-        """
-        vars(self).update(vars(model))
+    def with_parameters(self, p: Array | None) -> Evaluator:
+        """Evaluator with parameters p (s,), or with those of its construction."""
+        own = self._evaluator
+        if p is not None:
+            self._set_parameters(p)
+            if self._has_own_rows:
+                own.rows_changed()
+        robot = copy(own.data.robot)
+        self._user = weakref.ref(robot)
+        return Evaluator(replace(own.data, robot=robot, kinematics=Kinematics(robot)), own.kernel)
 
 
 def adapt(
@@ -316,9 +284,8 @@ class Estimator(ReprMixin):
             )
         if reduced.affine:
             raise ConfigurationError("estimation assumes A v = 0 (zero momentum), but the momentum is not zero")
-        self._estimated = regressor.estimated(reduced)
-        self._p = self.initial  # parameters of ``model``
-        self.model = AdaptedModel(self._estimated.at(self._p))
+        self.model, self._p = regressor.estimated(reduced), self.initial  # parameters of ``model``
+        self.model.use(self._p)
 
     def describe(self) -> Description:
         """Return the gain, the first estimates by name, and the bounds."""
@@ -360,7 +327,7 @@ class Estimator(ReprMixin):
         """Let ``model`` have parameters p."""
         # Equal estimates keep the evaluations of the model that are cached.
         if not np.array_equal(p, self._p):
-            self.model.use(self._estimated.at(p))
+            self.model.use(p)
             self._p = p
 
     def _settings(self) -> dict[str, object]:

@@ -69,13 +69,14 @@ class Evaluator:
 
     Attributes:
         measures: True if ``measured`` is one call, for many runs too.
+        validator: validation of its configurations.
         kept_chart: evaluator of the last velocity chart, and what defines it. Many runs start at one configuration.
     """
 
     def __init__(self, data: ReductionData, kernel: ReductionKernel | None = None) -> None:
         self.data, self.kernel = data, kernel
         self.measures = kernel is not None and kernel.measures
-        self._validator = ConfigurationValidator(data.robot)
+        self.validator = ConfigurationValidator(data.robot)
         self.kept_chart: tuple[tuple[object, ...], Evaluator] | None = None
 
     def __reduce__(self) -> tuple[object, ...]:  # the kernel refers to memory
@@ -116,7 +117,7 @@ class Evaluator:
         self, q: ArrayInput, v2: ArrayInput | None = None, v: ArrayInput | None = None, t: ArrayInput | None = None
     ) -> ConfigurationEvaluation | StateEvaluation:
         """Validate and evaluate configurations or states, as ``ReducedModel.at``."""
-        q, data = self._validator.validate(q), self.data
+        q, data = self.validator.validate(q), self.data
         if t is not None and type(t) is not float:
             admit_numbers(t, "t")
         t = None if t is None or not data.rheonomic else admit_times(t, q.shape[:-1])

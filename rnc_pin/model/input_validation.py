@@ -34,7 +34,7 @@ class ConfigurationValidator:
 
     def __init__(self, robot: Robot) -> None:
         self._robot, self._model, self._nq, self._shape = robot, robot.model, robot.nq, (robot.nq,)
-        self._on_spheres = any(joint.nq != joint.nv for joint in list(robot.model.joints)[1:])
+        self._on_spheres = robot.nq != robot.nv  # only pairs (cos, sin) and quaternions have more entries
 
     def validate(self, q: ArrayInput) -> np.ndarray:
         """Validated copy of q (..., nq), so that later changes of the caller's array have no effect."""

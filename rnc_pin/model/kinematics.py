@@ -70,7 +70,7 @@ class Kinematics:
 
     def __init__(self, robot: Robot, time: float | None = None) -> None:
         self._robot, self._time, self.frozen = robot, time, time is not None
-        self.model, self.data = robot.model, robot.model.createData()
+        self.model = robot.model
         self.nv, self.zero = robot.nv, np.zeros(robot.nv)
         self.current: _Quantities | None = None
         self.lock = RLock()
@@ -80,6 +80,11 @@ class Kinematics:
     def __reduce__(self) -> tuple[type[Kinematics], tuple[Robot, float | None]]:
         """Create new Pinocchio data for a copy or a pickle."""
         return type(self), (self._robot, self._time)
+
+    @cached_property
+    def data(self) -> pin.Data:
+        """Pinocchio's data; the compiled kernel has its own, so that many models never need these."""
+        return self.model.createData()
 
     @cached_property
     def axes_are_constant(self) -> bool:

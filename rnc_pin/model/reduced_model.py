@@ -19,7 +19,7 @@ from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.evaluation_results import LagrangianTerms, ReducedRegressor, ReducedTerms
 from rnc_pin.model.evaluator import Evaluator, evaluator_for
 from rnc_pin.model.independence import DroppedRow
-from rnc_pin.model.input_validation import ArrayInput, ConfigurationValidator
+from rnc_pin.model.input_validation import ArrayInput
 from rnc_pin.model.passive_forces import PassiveForces
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.row_stack import OutputStack, RowStack
@@ -35,7 +35,7 @@ class ReducedModel(SummaryMixin):
     Threads may evaluate one model.
 
     Args:
-        parts: rows, outputs, actuators and the workspace that evaluates them.
+        evaluator: evaluations of its rows, outputs and actuators.
         assembly: projection onto the holonomic rows.
         dropped_rows: redundant constraint rows, with the reasons.
 
@@ -54,9 +54,8 @@ class ReducedModel(SummaryMixin):
         ('joint_1', 'joint_2', 'joint_3')
     """
 
-    def __init__(self, parts: ReductionData, assembly: Assembly, dropped_rows: Sequence[DroppedRow] = ()) -> None:
-        self._evaluator, self._data = evaluator_for(parts), parts
-        self._validator = ConfigurationValidator(parts.robot)
+    def __init__(self, evaluator: Evaluator, assembly: Assembly, dropped_rows: Sequence[DroppedRow] = ()) -> None:
+        self._evaluator, self._data = evaluator, evaluator.data
         self.assembly = assembly
         self.dropped_rows = tuple(dropped_rows)
         """Redundant constraint rows, with the reasons."""
@@ -70,7 +69,7 @@ class ReducedModel(SummaryMixin):
 
     @property
     def evaluator(self) -> Evaluator:
-        """Evaluator that fills the arrays of evaluations, compiled or by NumPy."""
+        """Evaluations, by the compiled kernel or by NumPy."""
         return self._evaluator
 
     @property
@@ -171,7 +170,8 @@ class ReducedModel(SummaryMixin):
         """
         if not self.rheonomic:
             return self
-        return ReducedModel(self._data.frozen(float(t)), self.assembly.frozen(float(t)), self.dropped_rows)
+        evaluator = evaluator_for(self._data.frozen(float(t)))
+        return ReducedModel(evaluator, self.assembly.frozen(float(t)), self.dropped_rows)
 
     def with_basis_at(self, q: ArrayInput) -> ReducedModel:
         """The same model with the constraint rows that are selected at q (nq,) as default rows.
@@ -183,7 +183,7 @@ class ReducedModel(SummaryMixin):
         parts = self._data.keeping(state.kept.tolist())
         if self._data.free:
             parts = parts.in_entries(np.argmax(state.J2, axis=1).tolist())
-        return ReducedModel(parts, self.assembly, self.dropped_rows)
+        return ReducedModel(evaluator_for(parts), self.assembly, self.dropped_rows)
 
     # ------------------------------------------------------------------ dynamics
 
@@ -257,7 +257,7 @@ class ReducedModel(SummaryMixin):
         Raises:
             ConstraintError: no such configuration was found.
         """
-        return self.assembly.project(self._validator.validate(q), hold)
+        return self.assembly.project(self._evaluator.validator.validate(q), hold)
 
     def random_configuration(self, generator: np.random.Generator, spread: float = np.pi) -> Float[Array, " nq"]:
         """Random configuration from ``generator`` within ``spread`` of neutral, projected onto the holonomic rows."""

@@ -14,6 +14,7 @@ from rnc_pin.math.linear_algebra import null_space
 from rnc_pin.model import independence
 from rnc_pin.model.actuation import Actuation, Actuators
 from rnc_pin.model.assembly import Assembly
+from rnc_pin.model.evaluator import evaluator_for
 from rnc_pin.model.input_validation import numbers_of
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.passive_forces import ForceKind, PassiveForces
@@ -235,7 +236,7 @@ class NonholonomicSystem(SummaryMixin):
         parts = ReductionData(
             self.robot, self.rows, kept, self.actuation, x2, x1, limit, lengths, workspace, self.forces, free
         )
-        return ReducedModel(parts, self.assembly, self.dropped_rows)
+        return ReducedModel(evaluator_for(parts), self.assembly, self.dropped_rows)
 
     def _entries(self) -> OutputStack:
         """Entries of v that parametrise the motion well at every sampled configuration."""

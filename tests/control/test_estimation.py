@@ -22,7 +22,9 @@ class Known:
         return q * v, self.Y
 
     def estimated(self, reduced):
-        return SimpleNamespace(at=lambda p: SimpleNamespace(parameters=tuple(p)))
+        model = SimpleNamespace()
+        model.use = lambda p: vars(model).update(parameters=tuple(p))
+        return model
 
 
 def estimator(initial=(1.0, 2.0), affine=False, **settings):
@@ -146,7 +148,7 @@ def test_models_with_other_parameters_are_other_models():
     estimated = regressor.estimated(reduced)
     q, v2 = np.array([0.2, -0.1, 0.6, 0.8, 0.3, 0.4])[: reduced.robot.nq], np.array([0.7, -0.4])
     before = reduced.at(q, v2).measure()
-    model = estimated.at(np.array([0.9, 0.33]))
+    model = estimated.with_parameters(np.array([0.9, 0.33]))
     other = reduced_cart(two_wheeled_cart(pin.JointModelPlanar(), (0.1, 0.45, 0.2), (0.1, -0.45, 0.2)), (0.2, 0.33))
     v = other.at(q, v2).v
     np.testing.assert_allclose(model.at(q, v=v).residual, 0.0, atol=1e-12)
@@ -154,7 +156,7 @@ def test_models_with_other_parameters_are_other_models():
     state, fresh = model.at(q, v2), model.at(q, v2)
     names = ("A_star", "R", "H", "V", "G", "R_dot", "input_matrix")
     expected = {name: np.array(getattr(fresh, name)) for name in names}
-    second = estimated.at(np.array([0.6, 0.25]))
+    second = estimated.with_parameters(np.array([0.6, 0.25]))
     assert second.at(q, v2).H.shape == (2, 2)
     np.testing.assert_allclose(second.at(q, v=before.v).residual, 0.0, atol=1e-12)
     for name, value in expected.items():

@@ -112,7 +112,7 @@ def test_settled_outputs_are_the_entries_that_were_chosen():
     for slope, chosen in ((1 / 900, ["s0", "s2"]), (1 / 1100, ["s1", "s2"])):
         rows, entries = edge(slope)
         parts = on_rails(rows, (0,), entries, 1e8, np.ones(3), free=True)
-        free = ReducedModel(parts, Assembly(parts.robot, []))
+        free = ReducedModel(evaluator_for(parts), Assembly(parts.robot, []))
         settled = free.with_basis_at(np.zeros(3))
         assert list(settled.reducing.names) == chosen
         assert free.at(np.zeros(3)).R.tolist() == settled.at(np.zeros(3)).R.tolist()

@@ -36,7 +36,7 @@ def masses(reduced):
 
 
 def with_mass(reduced, q, v2, t):
-    return masses(reduced).at(np.array([10.0 + t])).at(q, v2).H
+    return masses(reduced).with_parameters(np.array([10.0 + t])).at(q, v2).H
 
 
 @pytest.mark.parametrize(("make", "evaluate"), [

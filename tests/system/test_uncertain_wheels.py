@@ -37,7 +37,7 @@ def test_the_estimated_model_is_the_other_robot(tmp_path):
     truth = np.array([0.13, 0.08, 0.55])
     other, reduced = drive(truth[:2], truth[2], tmp_path), drive()
     unknown = [UnknownRadius(DRIVE[:1]), UnknownRadius(DRIVE[1:]), UnknownTrack(DRIVE)]
-    model = WheelRegressor(reduced, unknown).estimated(reduced).at(truth)
+    model = WheelRegressor(reduced, unknown).estimated(reduced).with_parameters(truth)
     for q, v2 in random_states(other, 5):
         believed, true = model.at(q, v2).measure(), other.at(q, v2).measure()
         for name in ("v", "x1", "x2", "v1", "A_star", "A_star_dot"):

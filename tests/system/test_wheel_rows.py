@@ -139,7 +139,7 @@ def test_radii_of_mecanum_wheels_can_be_estimated():
     for q, v2 in random_states(reduced, 3):
         y, Y = regressor.regress(q, reduced.at(q, v2).v)
         np.testing.assert_allclose(WHEEL * Y[:, 0], y, atol=ROUNDING)
-        believed = model.at(np.array([WHEEL])).at(q, v2).measure()
+        believed = model.with_parameters(np.array([WHEEL])).at(q, v2).measure()
         np.testing.assert_allclose(believed.v, reduced.at(q, v2).v, atol=ROUNDING)
 
 
