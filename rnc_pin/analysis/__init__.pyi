@@ -2,6 +2,7 @@
 
 from rnc_pin.constraints.wheel_heights import wheel_height_findings as wheel_height_findings
 
+from .contact_forces import Grip as Grip
 from .derivatives import StateDerivatives as StateDerivatives
 from .derivatives import state_derivatives as state_derivatives
 from .equilibrium import Equilibrium as Equilibrium
@@ -12,7 +13,6 @@ from .exploration import default_candidates as default_candidates
 from .exploration import explore as explore
 from .exploration import short_names as short_names
 from .exploration import tip_positions as tip_positions
-from .grip import Grip as Grip
 from .growth import GrowthEvidence as GrowthEvidence
 from .growth import growth_vector as growth_vector
 from .linearization import Linearization as Linearization

@@ -15,8 +15,7 @@ from rnc_pin.model.configuration_evaluation import no_time
 from rnc_pin.model.input_validation import ArrayInput, vector
 from rnc_pin.model.kinematics import Kinematics, VelocityKinematics
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.row_stack import RowStack
-from rnc_pin.model.rows import Rows
+from rnc_pin.model.rows import Rows, RowStack
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.user_functions import gradient_with_error
 from rnc_pin.printing import printed

@@ -38,8 +38,7 @@ from rnc_pin.model.evaluator import evaluator_for
 from rnc_pin.model.input_validation import Axes
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics, VelocityKinematics
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.row_stack import OutputStack, RowStack
-from rnc_pin.model.rows import GroundContact, OutputKind, OutputRows, Rows
+from rnc_pin.model.rows import GroundContact, OutputKind, OutputRows, OutputStack, Rows, RowStack
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.model.task import OutputTarget, find_output
 from rnc_pin.outputs import (

@@ -22,8 +22,7 @@ from rnc_pin.model.independence import ROUNDING
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.reduction_data import best_entries
-from rnc_pin.model.row_stack import OutputStack
-from rnc_pin.model.rows import OutputKind
+from rnc_pin.model.rows import OutputKind, OutputStack
 from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin, counted, described, items
 
 _STEADY = 1e-8  # largest acceleration that counts as zero, relative to the accelerations that gravity causes

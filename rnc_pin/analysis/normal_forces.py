@@ -20,7 +20,7 @@ from rnc_pin.model.cached_property import once_per_model
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics, VelocityKinematics
 from rnc_pin.model.passive_forces import PassiveForce
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.row_stack import Place
+from rnc_pin.model.rows import Place
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.printing import printed
 from rnc_pin.robots.derived_models import AttachedModel

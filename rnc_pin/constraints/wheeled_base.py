@@ -21,7 +21,7 @@ from rnc_pin.model.frame_rows import FrameVelocityRows
 from rnc_pin.model.input_validation import check_positive_settings
 from rnc_pin.model.kinematics import OWN_AXES, Kinematics, PositionKinematics
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.row_stack import RowStack
+from rnc_pin.model.rows import RowStack
 from rnc_pin.robots.joint_values import limited_positions
 from rnc_pin.robots.robot import Robot
 

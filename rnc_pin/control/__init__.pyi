@@ -49,12 +49,15 @@ from .gain_design import Preset as Preset
 from .gain_design import VelocityGains as VelocityGains
 from .gain_design import design_position_gains as design_position_gains
 from .gain_design import design_velocity_gains as design_velocity_gains
-from .momentum_regressor import MomentumRegressor as MomentumRegressor
-from .momentum_regressor import UnknownMass as UnknownMass
 from .position_tracker import PositionState as PositionState
 from .position_tracker import PositionTracker as PositionTracker
 from .redundancy import Posture as Posture
 from .redundancy import RedundancyController as RedundancyController
+from .regressors import MomentumRegressor as MomentumRegressor
+from .regressors import UnknownMass as UnknownMass
+from .regressors import UnknownRadius as UnknownRadius
+from .regressors import UnknownTrack as UnknownTrack
+from .regressors import WheelRegressor as WheelRegressor
 from .slithering import DrivenPath as DrivenPath
 from .slithering import SlitheringReference as SlitheringReference
 from .steering import SteeringController as SteeringController
@@ -63,6 +66,3 @@ from .typical_inertia import gravity_loads as gravity_loads
 from .unicycle_stabilizer import UnicycleStabilizer as UnicycleStabilizer
 from .velocity_tracker import TrackerState as TrackerState
 from .velocity_tracker import VelocityTracker as VelocityTracker
-from .wheel_regressor import UnknownRadius as UnknownRadius
-from .wheel_regressor import UnknownTrack as UnknownTrack
-from .wheel_regressor import WheelRegressor as WheelRegressor

@@ -28,7 +28,7 @@ from rnc_pin.model.coordinates import arc_chord
 from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.input_validation import ArrayInput, ConfigurationValidator, vector
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.row_stack import rheonomic_names
+from rnc_pin.model.rows import rheonomic_names
 from rnc_pin.printing import ReprMixin, printed
 from rnc_pin.robots.joint_values import known_velocity_limits
 

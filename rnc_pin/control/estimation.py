@@ -27,7 +27,7 @@ from rnc_pin.model.evaluator import Evaluator, evaluator_for
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.reduction_data import row_scales
-from rnc_pin.model.row_stack import RowStack
+from rnc_pin.model.rows import RowStack
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.printing import ReprMixin
 from rnc_pin.robots.robot import Robot

@@ -21,9 +21,9 @@ from .input_validation import vector as vector
 from .kinematics import Kinematics as Kinematics
 from .passive_forces import ForceKind as ForceKind
 from .reduced_model import ReducedModel as ReducedModel
-from .row_stack import OutputStack as OutputStack
 from .rows import ConstraintKind as ConstraintKind
 from .rows import OutputKind as OutputKind
+from .rows import OutputStack as OutputStack
 from .state_evaluation import StateEvaluation as StateEvaluation
 from .system import NonholonomicSystem as NonholonomicSystem
 from .task import Task as Task

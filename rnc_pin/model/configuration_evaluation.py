@@ -24,7 +24,7 @@ from rnc_pin.model.filled_arrays import NOTHING_AT_Q, ArraysAtQ, ArraySource
 from rnc_pin.model.input_validation import ArrayInput, vector
 from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.reduction_data import ReductionData
-from rnc_pin.model.row_stack import rheonomic_names
+from rnc_pin.model.rows import rheonomic_names
 from rnc_pin.printing import ObjectSummary, SummaryMixin, counted, described
 
 _DEFICIENT = 1e-10  # share of the largest singular value up to which one counts as zero

@@ -28,8 +28,7 @@ from rnc_pin.model.kinematics import (
 from rnc_pin.model.passive_forces import ForceSums
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.reduction_kernel import ReductionKernel
-from rnc_pin.model.row_stack import Place
-from rnc_pin.model.rows import Rows
+from rnc_pin.model.rows import Place, Rows
 
 _Kinematics = TypeVar("_Kinematics", bound=PositionKinematics)
 

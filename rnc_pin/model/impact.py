@@ -18,8 +18,7 @@ from rnc_pin.model.evaluator import evaluator_for
 from rnc_pin.model.input_validation import ArrayInput, is_number, numbers_of
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.reduction_data import best_entries
-from rnc_pin.model.row_stack import RowStack
-from rnc_pin.model.rows import ConstraintKind
+from rnc_pin.model.rows import ConstraintKind, RowStack
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin

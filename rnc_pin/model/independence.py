@@ -16,8 +16,7 @@ from rnc_pin.math.linear_algebra import pivot_columns, unit_rows
 from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.passive_forces import PassiveForces
-from rnc_pin.model.row_stack import RowStack
-from rnc_pin.model.rows import Rows
+from rnc_pin.model.rows import Rows, RowStack
 
 TOLERANCE = 1e-8  # on unit rows: sine of the angle below which a row counts as dependent
 ROUNDING = 1e-5  # the same limit for rows that are dependent except for the rounding of a file's numbers

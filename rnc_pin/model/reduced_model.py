@@ -22,7 +22,7 @@ from rnc_pin.model.independence import DroppedRow
 from rnc_pin.model.input_validation import ArrayInput
 from rnc_pin.model.passive_forces import PassiveForces
 from rnc_pin.model.reduction_data import ReductionData
-from rnc_pin.model.row_stack import OutputStack, RowStack
+from rnc_pin.model.rows import OutputStack, RowStack
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin, counted, items
 from rnc_pin.robots.robot import Robot

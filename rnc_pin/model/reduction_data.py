@@ -15,8 +15,7 @@ from rnc_pin.math.linear_algebra import null_space, pivot_columns
 from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.passive_forces import PassiveForces
-from rnc_pin.model.row_stack import OutputStack, RowStack
-from rnc_pin.model.rows import ConstantRows, OutputRows
+from rnc_pin.model.rows import ConstantRows, OutputRows, OutputStack, RowStack
 from rnc_pin.robots.robot import Robot
 
 _CHOOSE_AGAIN = 1e3  # dependence of a row above which other rows are selected, if there are any

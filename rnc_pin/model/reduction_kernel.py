@@ -24,8 +24,7 @@ from rnc_pin.model.kernel_rows import (
     placement_numbers,
 )
 from rnc_pin.model.reduction_data import ReductionData
-from rnc_pin.model.row_stack import OutputStack, Place, RowStack
-from rnc_pin.model.rows import OutputRows
+from rnc_pin.model.rows import OutputRows, OutputStack, Place, RowStack
 from rnc_pin.robots.robot import Robot
 
 _ROW = np.dtype([("integers", np.int64, 3 + INTEGERS), ("numbers", float, NUMBERS)])  # as the kernel stores them

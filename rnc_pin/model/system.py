@@ -21,8 +21,7 @@ from rnc_pin.model.passive_forces import ForceKind, PassiveForces
 from rnc_pin.model.reduced_model import ReducedModel, system_headline, system_lines
 from rnc_pin.model.reduction_data import ReductionData, VelocityRows, best_entries, row_scales
 from rnc_pin.model.relative_rows import CouplingRow, is_loose, loose_mimics, mimic_rows
-from rnc_pin.model.row_stack import OutputStack, RowStack
-from rnc_pin.model.rows import ConstraintKind, FrameAnchor, OutputKind, Rows
+from rnc_pin.model.rows import ConstraintKind, FrameAnchor, OutputKind, OutputStack, Rows, RowStack
 from rnc_pin.printing import ObjectSummary, SummaryMixin
 from rnc_pin.robots.joint_values import base_of, fixed_base
 from rnc_pin.robots.model_checks import flat_links

@@ -13,8 +13,7 @@ from rnc_pin.errors import ConfigurationError, InputError, nearest
 from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.row_stack import OutputStack
-from rnc_pin.model.rows import OutputKind, OutputRows
+from rnc_pin.model.rows import OutputKind, OutputRows, OutputStack
 from rnc_pin.printing import ReprMixin
 
 OutputTarget = str | OutputKind

@@ -14,8 +14,7 @@ from rnc_pin.model.factorization import constraint_rows
 from rnc_pin.model.input_validation import vector
 from rnc_pin.model.integrators import LieRungeKutta4, Rate
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.row_stack import OutputStack
-from rnc_pin.model.rows import ConstantRows, OutputRows
+from rnc_pin.model.rows import ConstantRows, OutputRows, OutputStack
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.step_control import estimated_errors
 

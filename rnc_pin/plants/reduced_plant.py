@@ -10,7 +10,7 @@ import numpy as np
 
 from rnc_pin.errors import DivergenceError, InputError
 from rnc_pin.model.input_validation import own_vector
-from rnc_pin.model.integrators.runge_kutta import DEFAULT_TOLERANCE
+from rnc_pin.model.integrators import DEFAULT_TOLERANCE
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.constrained_dynamics import ConstrainedDynamics, VelocityChart

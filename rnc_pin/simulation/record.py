@@ -17,7 +17,7 @@ from rnc_pin.control.loop.loop_state import LateTicks
 from rnc_pin.errors import InputError
 from rnc_pin.model.cached_property import once_per_model
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.row_stack import OutputStack
+from rnc_pin.model.rows import OutputStack
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.simulation import run_info
 from rnc_pin.simulation.derived_quantities import MATRICES, DerivedQuantities, RowNames, blocks

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import SingularityError
-from rnc_pin.model.row_stack import RowStack
+from rnc_pin.model.rows import RowStack
 from rnc_pin.simulation import PlannedPath, RunInfo, Trajectory
 from rnc_pin.visualization import elements as e
 from rnc_pin.visualization import meshcat_scene

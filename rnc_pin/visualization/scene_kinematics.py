@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.row_stack import RowStack
+from rnc_pin.model.rows import RowStack
 from rnc_pin.robots.robot import Robot
 from rnc_pin.visualization.drawn_state import DrawnState
 

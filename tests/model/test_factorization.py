@@ -15,8 +15,7 @@ from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.passive_forces import PassiveForces
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.reduction_data import ReductionData, VelocityRows
-from rnc_pin.model.row_stack import OutputStack, RowStack
-from rnc_pin.model.rows import check_defined
+from rnc_pin.model.rows import OutputStack, RowStack, check_defined
 from rnc_pin.model.state_evaluation import StateEvaluation
 from systems import sleigh
 

@@ -9,8 +9,14 @@ from scipy.linalg import expm
 
 import rnc_pin as rnc
 from bodies import add_body
-from rnc_pin.model.integrators import AdaptiveIntegrator, ExponentialCoordinates, LieRungeKutta4, phi_functions
-from rnc_pin.model.integrators.exponential_runge_kutta import ExponentialRungeKutta4, LinearPart
+from rnc_pin.model.integrators import (
+    AdaptiveIntegrator,
+    ExponentialCoordinates,
+    ExponentialRungeKutta4,
+    LieRungeKutta4,
+    LinearPart,
+    phi_functions,
+)
 from rnc_pin.plants.constrained_dynamics import ConstrainedDynamics
 from simple_controllers import Inputs
 from systems import free_flying_panda, leaning_wheel, mobile_manipulator, space_robot_in_joints

@@ -7,8 +7,7 @@ import pytest
 import rnc_pin as rnc
 from bodies import add_body
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.row_stack import RowStack
-from rnc_pin.model.rows import ConstantRows, FrameAnchor, GroundContact, JointCoupler, Rows, check_defined
+from rnc_pin.model.rows import ConstantRows, FrameAnchor, GroundContact, JointCoupler, Rows, RowStack, check_defined
 from systems import rolling_base
 from textbook_systems import Bound, Flat, sliders
 

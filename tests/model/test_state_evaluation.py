@@ -14,8 +14,7 @@ from rnc_pin.model.evaluator import Evaluator, evaluator_for
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.passive_forces import PassiveForces
 from rnc_pin.model.reduction_data import ReductionData, VelocityRows
-from rnc_pin.model.row_stack import OutputStack, RowStack
-from rnc_pin.model.rows import OutputRows
+from rnc_pin.model.rows import OutputRows, OutputStack, RowStack
 from rnc_pin.model.state_evaluation import StateEvaluation, kinematic_gradient
 from rnc_pin.motion.planning import Hold
 from systems import ALL, mobile_manipulator, random_states, space_robot, spinning_space_robot, tiago, without_outputs

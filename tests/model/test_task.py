@@ -8,7 +8,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.row_stack import OutputStack
+from rnc_pin.model.rows import OutputStack
 from rnc_pin.model.task import OutputTargets
 from rnc_pin.model.user_functions import gradient
 from textbook_systems import sliders

@@ -8,7 +8,7 @@ import rnc_pin as rnc
 from bodies import add_body, add_frame
 from kinds import BESIDE
 from refusals import refused
-from rnc_pin.control.wheel_regressor import UnknownRadius, WheelRegressor
+from rnc_pin.control.regressors import UnknownRadius, WheelRegressor
 from rnc_pin.model.kinematics import Kinematics
 from row_kinds import OF_TWO_WHEELS
 from systems import (

@@ -13,7 +13,7 @@ from rnc_pin.lab.contacts.friction_impulses import NO_SET, contact_impact, subse
 from rnc_pin.lab.contacts.sliding_plant import SlidingPlant, SlidingStep
 from rnc_pin.lab.contacts.unilateral_contact import ContactRows, UnilateralContact, bound_contacts, radius_of_gyration
 from rnc_pin.model.input_validation import numbers_of, own_vector
-from rnc_pin.model.integrators.runge_kutta import DEFAULT_TOLERANCE
+from rnc_pin.model.integrators import DEFAULT_TOLERANCE
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.system import NonholonomicSystem

@@ -17,7 +17,7 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.collision import CollisionDistances, PairDistances
 from rnc_pin.constraints.wheeled_base import SIDE_SLIP, missing_lateral_rows
 from rnc_pin.errors import ConfigurationError, InputError, nearest
-from rnc_pin.model.row_stack import RowStack
+from rnc_pin.model.rows import RowStack
 from rnc_pin.model.task import OutputTarget
 from rnc_pin.motion.optimal import node_data
 from rnc_pin.motion.planning.action_models import ActionModel, Nodes

@@ -14,7 +14,7 @@ from rnc_pin.control.controller import Command, Description, State, elapsed_time
 from rnc_pin.math.linear_algebra import inverse
 from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.input_validation import Positive, check_positive_settings
-from rnc_pin.model.integrators.runge_kutta import DEFAULT_TOLERANCE, LieRungeKutta4
+from rnc_pin.model.integrators import DEFAULT_TOLERANCE, LieRungeKutta4
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.motion.whole_body.braking_motion import BrakedSample, Braking, BrakingState

@@ -20,8 +20,7 @@ from rnc_pin.model.coordinates import wrapped
 from rnc_pin.model.evaluator import Evaluator, evaluator_for
 from rnc_pin.model.input_validation import Axes, NotNegative
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.row_stack import OutputStack
-from rnc_pin.model.rows import ConstantRows, OutputKind
+from rnc_pin.model.rows import ConstantRows, OutputKind, OutputStack
 from rnc_pin.motion.whole_body.limits.control_limit import ControlSample
 from rnc_pin.outputs import CenterOfMass, FramePosition, FrameYaw
 from rnc_pin.references.reference import Reference
