@@ -283,7 +283,7 @@ def missed(made: Scenario, run: Trajectory) -> bool:
 
 def judged(made: Scenario, step: float) -> dict[FindingKind, Case]:
     """Truth and judgement of a run by kind."""
-    run = execute(made.built_with(comparisons={})).trajectory
+    run = execute(made).trajectory
     true = truths(made, run, step)
     whole_body = made.experiment.goals is not None
     true[FindingKind.GOAL] = None if whole_body or run.outcome is not rnc.Outcome.COMPLETED else missed(made, run)

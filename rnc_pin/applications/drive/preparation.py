@@ -130,7 +130,7 @@ def _driven(scenario: Scenario, frames: tuple[str, ...]) -> PreparedDrive:
     vars(tracker)["target"] = controller
     provenance = replace(experiment.provenance, controller=describe(tracker))
     driven = replace(experiment, controller=tracker, provenance=provenance)
-    made = scenario.built_with(content=content, experiment=driven, comparisons={})
+    made = scenario.built_with(content=content, experiment=driven)
     return PreparedDrive(made, controls, log, controller)
 
 

@@ -206,7 +206,7 @@ def drive(
         settings.dt,
         _CAPACITY if samples is None else min(samples, _CAPACITY),
         plant=experiment.plant,
-        options=prepared.scenario.options(experiment),
+        options=prepared.scenario.options(),
     )
     error: RncError | None = None
     with np.errstate(over="ignore", invalid="ignore"):  # values of diverged runs overflow

@@ -210,7 +210,7 @@ class ScenarioCandidate:
         clock: list[float] = []  # of this process: other work on the machine changes no draft
         settings = experiment.simulation.model_copy(update={"duration": duration})
         brief = replace(experiment, simulation=settings)
-        made = Scenario("draft", raw, self.folder).built_with(experiment=brief, comparisons={})
+        made = Scenario("draft", raw, self.folder).built_with(content=experiment.scenario, experiment=brief)
         result = execute(made, lambda _: clock.append(time.process_time()))
         if result.error is not None:
             raise result.error

@@ -10,7 +10,6 @@ from typing import cast
 
 import numpy as np
 
-from rnc_pin.applications.scenario.builder import Experiment
 from rnc_pin.applications.scenario.scenario import Scenario, slug
 from rnc_pin.applications.scenario.simulated_run import judged_summary, run_summary
 from rnc_pin.errors import RncError
@@ -55,8 +54,7 @@ def execute(
     with np.errstate(over="ignore", invalid="ignore"):  # diverged values
         # The wall time of the summary is that of the simulation, without building and drawing.
         start = time.perf_counter()
-        own = _watched(scenario.experiment, observer, _shown(progress, 0.0, scenario.name))
-        trajectory, error = scenario.simulated(scenario.experiment, own)
+        trajectory, error = scenario.simulated(_watched(scenario, observer, _shown(progress, 0.0, scenario.name)))
         summary, limits = judged_summary(scenario.experiment, trajectory, time.perf_counter() - start)
         others: dict[str, Trajectory] = {}
         if error is None and trajectory.outcome is Outcome.COMPLETED:
@@ -70,11 +68,11 @@ def _comparisons(
     """Run the comparisons by label, up to one that is interrupted, and add their part of the summary."""
     found: dict[str, Trajectory] = {}
     before = scenario.duration
-    for label, experiment in scenario.comparisons.items():
+    for label, other in scenario.comparisons.items():
         shown = _shown(progress, before, f"{scenario.name}: {label}")
-        run, failure = scenario.simulated(experiment, _watched(experiment, None, shown))
-        before += experiment.simulation.seconds
-        whole = run_summary(experiment, run)
+        run, failure = other.simulated(_watched(other, None, shown))
+        before += other.duration
+        whole = run_summary(other.experiment, run)
         compared = cast(Compared, {key: value for key, value in whole.items() if key in Compared.__annotations__})
         if failure is not None:
             compared["message"] = str(failure)
@@ -90,9 +88,9 @@ def _shown(progress: Callable[[float, str], None] | None, before: float, name: s
     return lambda time: None if progress is None else progress(before + time, name)
 
 
-def _watched(experiment: Experiment, observer: Observer | None, report: Callable[[float], None]) -> Observer:
+def _watched(scenario: Scenario, observer: Observer | None, report: Callable[[float], None]) -> Observer:
     """Observer of a run that reports its progress."""
-    last = experiment.simulation.seconds * (1.0 - 1e-9)
+    last = scenario.duration * (1.0 - 1e-9)
     due = 0.0
 
     def watch(sample: Sample) -> None:

@@ -91,7 +91,7 @@ def _draft_it(robot: str) -> str:
 
 @lru_cache(maxsize=8)
 def _parsed(text: str) -> Json:
-    """Content of a YAML file, which is parsed once: sweeps and variants read the same file again and again."""
+    """Content of a YAML file, which is parsed once: sweeps read the same file again and again."""
     return load_yaml(text)
 
 
@@ -144,7 +144,15 @@ def parse_options(options: Iterable[str]) -> dict[str, Json]:
 
 
 def with_options(raw: Mapping[str, Json], options: Mapping[str, Json]) -> dict[str, Json]:
-    """Return a copy of a scenario with new values at dotted keys. Numbers in a key index lists."""
+    """Return a copy of a scenario with new values: options, a variant, or the draws of a sweep.
+
+    Args:
+        raw: mapping of the scenario.
+        options: values by dotted key. Numbers in a key index lists.
+
+    Raises:
+        ConfigurationError: a key leads through something that is neither a mapping nor a list.
+    """
     result = deepcopy(dict(raw))
     for key, value in options.items():
         where: object = result
@@ -171,28 +179,3 @@ def with_options(raw: Mapping[str, Json], options: Mapping[str, Json]) -> dict[s
 def mapping_of(value: object) -> dict[str, Json]:
     """Return a copy of a mapping in a scenario; an empty one for anything else."""
     return dict(value) if isinstance(value, Mapping) else {}
-
-
-def apply_options(raw: Mapping[str, Json], options: Mapping[str, Json]) -> dict[str, Json]:
-    """Return a scenario with its options, its ``variant`` and the ``presets`` of the controller's preset applied.
-
-    Options override presets, and presets override the variant. The result contains the new values, and no applied
-    ``variants`` or ``presets``.
-    """
-    applied = with_options(raw, options)
-    variant = _choice(applied.get("variants"), applied.get("variant"))
-    if variant is not None:
-        raw, options = ({key: each[key] for key in each if key != "variant"} for each in (raw, options))
-        raw = {key: value for key, value in with_options(raw, variant).items() if key != "variants"}
-        applied = with_options(raw, options)
-    controller = applied.get("controller")
-    preset = _choice(applied.get("presets"), controller.get("preset") if isinstance(controller, dict) else None)
-    if preset is None:
-        return applied
-    applied = with_options(with_options(raw, preset), options)
-    return {key: value for key, value in applied.items() if key != "presets"}
-
-
-def _choice(choices: object, name: object) -> dict[str, Json] | None:
-    found = choices.get(name) if isinstance(choices, dict) and isinstance(name, str) else None
-    return found if isinstance(found, dict) else None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from typing import NamedTuple
@@ -15,13 +15,13 @@ import yaml
 
 from rnc_pin.applications.scenario.builder import Experiment, build_experiment, build_reduced, build_task, start_of
 from rnc_pin.applications.scenario.controllers import without_foreign_gains
-from rnc_pin.applications.scenario.files import apply_options, find_scenario, is_built_in, read_yaml, with_options
+from rnc_pin.applications.scenario.files import find_scenario, is_built_in, read_yaml, with_options
 from rnc_pin.applications.scenario.plan_builder import Plans
 from rnc_pin.applications.scenario.plant_builder import collected_model_warnings
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.scenario import validate
 from rnc_pin.applications.scenario.schema.world import absolute_files, build_obstacles
-from rnc_pin.applications.scenario.simulated_run import Simulated, judged_summary, simulated
+from rnc_pin.applications.scenario.simulated_run import judged_summary
 from rnc_pin.collision import Obstacle
 from rnc_pin.control import Controller
 from rnc_pin.errors import ConfigurationError, RncError
@@ -33,6 +33,13 @@ from rnc_pin.plants import Plant
 from rnc_pin.printing import ObjectSummary, SummaryMixin, items
 from rnc_pin.robots import Robot
 from rnc_pin.simulation import Observer, SimulationOptions, Trajectory
+
+
+class Simulated(NamedTuple):
+    """Motion of a run, and the error that ended it early."""
+
+    trajectory: Trajectory
+    error: RncError | None
 
 
 class BuiltModel(NamedTuple):
@@ -109,22 +116,18 @@ class Scenario(SummaryMixin):
         Args:
             options: dotted keys and values to replace.
         """
-        return replace(self, raw=apply_options(self.raw, options))
+        return replace(self, raw=_applied(self.raw, options))
 
     def built_with(
-        self,
-        content: ScenarioFile | None = None,
-        model: BuiltModel | None = None,
-        experiment: Experiment | None = None,
-        comparisons: dict[str, Experiment] | None = None,
+        self, content: ScenarioFile | None = None, model: BuiltModel | None = None, experiment: Experiment | None = None
     ) -> Scenario:
         """Return this scenario with objects that exist already. Objects that are built later use them.
 
         Args:
-            content, model, experiment, comparisons: values of these properties; None for those that are built later.
+            content, model, experiment: values of these properties; None for those that are built later.
         """
         made = copy.copy(self)
-        given = {"content": content, "model": model, "experiment": experiment, "comparisons": comparisons}
+        given = {"content": content, "model": model, "experiment": experiment}
         made.__dict__.update({name: value for name, value in given.items() if value is not None})
         return made
 
@@ -134,8 +137,8 @@ class Scenario(SummaryMixin):
         Raises:
             RncError: a part of the scenario does not fit the robot.
         """
-        _ = self.experiment
-        _ = self.comparisons
+        for each in (self, *self.comparisons.values()):
+            _ = each.experiment
         return self
 
     # ------------------------------------------------------------------ objects
@@ -154,27 +157,29 @@ class Scenario(SummaryMixin):
         return BuiltModel(*built, tuple(told))
 
     @cached_property
+    @nothing_to_keep()
     def experiment(self) -> Experiment:
         """Objects of the run."""
-        made = self._experiment(self.content, self.model.reduced)
-        return replace(made, model_warnings=tuple(dict.fromkeys((*self.model.warnings, *made.model_warnings))))
+        model = self.model
+        with RncError.at(self._label), collected_model_warnings(self.show_warnings) as told:
+            made = build_experiment(self.content, self.folder, self._plans, model.reduced)
+        return replace(made, model_warnings=tuple(dict.fromkeys((*model.warnings, *told))))
 
     @cached_property
-    def comparisons(self) -> dict[str, Experiment]:
-        """Objects of the runs that the scenario compares with its own, by label.
+    def comparisons(self) -> dict[str, Scenario]:
+        """Variants that the scenario compares its own run with, by name.
 
-        Comparisons may fail on purpose, to show the difference. Their preflight therefore only warns.
+        They may fail on purpose, to show the difference. Their preflight therefore only warns.
         """
-        found: dict[str, Experiment] = {}
+        found: dict[str, Scenario] = {}
         slugs: dict[str, str] = {}
-        for label, changes in self.content.comparisons.items():
-            where = f"comparisons.{label}"
-            raw = with_options(without_foreign_gains(self.raw, changes), {"preflight": "warn", **changes})
-            other = validate(raw, f"{self._label}: {where}")
-            if slugs.setdefault(slug(label), label) != label:
-                names = f"'{label}' and '{slugs[slug(label)]}'"
+        for name, changes in self.content.compared.items():
+            if slugs.setdefault(slug(name), name) != name:
+                names = f"'{name}' and '{slugs[slug(name)]}'"
                 raise ConfigurationError(f"comparisons: {names} give one file name").within(self._label)
-            found[label] = self._experiment(other, None, where)
+            raw = _varied(self.raw, {"preflight": "warn", **changes})
+            found[name] = replace(self, raw=raw, source=f"{self._label}: comparisons.{name}")
+            vars(found[name])["_plans"] = self._plans  # equal problems are solved once
         return found
 
     @property
@@ -241,7 +246,7 @@ class Scenario(SummaryMixin):
     @property
     def total_duration(self) -> float:
         """Simulated time of the run and its comparisons [s]."""
-        return self.duration + sum(each.simulation.seconds for each in self.comparisons.values())
+        return self.duration + sum(each.duration for each in self.comparisons.values())
 
     @cached_property
     def _start(self) -> tuple[np.ndarray, np.ndarray]:
@@ -251,13 +256,6 @@ class Scenario(SummaryMixin):
     @cached_property
     def _plans(self) -> Plans:
         return Plans()
-
-    @nothing_to_keep()
-    def _experiment(self, content: ScenarioFile, reduced: ReducedModel | None, where: str = "") -> Experiment:
-        with RncError.at(f"{self._label}: {where}" if where else self._label):
-            with collected_model_warnings(self.show_warnings) as told:
-                experiment = build_experiment(content, self.folder, self._plans, reduced)
-            return replace(experiment, model_warnings=tuple(told))
 
     @property
     def _label(self) -> str:
@@ -276,28 +274,32 @@ class Scenario(SummaryMixin):
             RncError: the scenario cannot be built, or the run failed; ``trajectory`` of the error has what it reached.
         """
         with np.errstate(over="ignore", invalid="ignore"):  # diverged values
-            run = self.simulated(self.experiment, observer)
+            run = self.simulated(observer)
             judged_summary(self.experiment, run.trajectory)
         if run.error is not None:
             raise run.error
         return run.trajectory
 
-    def simulated(self, experiment: Experiment, observer: Observer | None = None) -> Simulated:
-        """Simulate the run or one of its comparisons. An error that ends it early is part of the result.
+    def simulated(self, observer: Observer | None = None) -> Simulated:
+        """Simulate the run. An error that ends it early is part of the result.
 
         Args:
-            experiment: objects of the run.
             observer: called with every ``Sample``.
         """
-        return simulated(experiment, partial(self.options, experiment), observer)
+        try:
+            return Simulated(self.experiment.run(self.options(observer)), None)
+        except RncError as failure:
+            if not isinstance(failure.trajectory, Trajectory):
+                raise
+            return Simulated(failure.trajectory, failure)
 
-    def options(self, experiment: Experiment, observer: Observer | None = None) -> SimulationOptions:
-        """Options of the run or one of its comparisons, with its provenance.
+    def options(self, observer: Observer | None = None) -> SimulationOptions:
+        """Options of the run, with its provenance.
 
         Args:
-            experiment: objects of the run.
             observer: called with every ``Sample``.
         """
+        experiment = self.experiment
         provenance = replace(
             experiment.provenance,
             scenario=self.name,
@@ -339,3 +341,32 @@ class Scenario(SummaryMixin):
 def slug(label: str) -> str:
     """Return a label in the form of a part of a file name."""
     return "".join(letter if letter.isalnum() else "_" for letter in label)
+
+
+def _applied(raw: Mapping[str, Json], options: Mapping[str, Json]) -> dict[str, Json]:
+    """Return a scenario with its ``variant``, the ``presets`` of its controller's preset, and options.
+
+    Each of them overrides those before it. The result runs as it is: it chooses no variant, and has no ``presets``.
+    """
+    applied = with_options(raw, options)
+    variant = _choice(applied.get("variants"), applied.get("variant"))
+    if variant is not None:
+        raw, options = ({key: each[key] for key in each if key != "variant"} for each in (raw, options))
+        raw = _varied(raw, variant)
+        applied = with_options(raw, options)
+    controller = applied.get("controller")
+    preset = _choice(applied.get("presets"), controller.get("preset") if isinstance(controller, dict) else None)
+    if preset is None:
+        return applied
+    applied = with_options(with_options(raw, preset), options)
+    return {key: value for key, value in applied.items() if key != "presets"}
+
+
+def _varied(raw: Mapping[str, Json], variant: Mapping[str, Json]) -> dict[str, Json]:
+    """Return a scenario with the values of a variant, which may change the type of the controller alone."""
+    return with_options(without_foreign_gains(raw, variant), variant)
+
+
+def _choice(choices: object, name: object) -> dict[str, Json] | None:
+    found = choices.get(name) if isinstance(choices, dict) and isinstance(name, str) else None
+    return found if isinstance(found, dict) else None

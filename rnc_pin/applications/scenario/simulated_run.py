@@ -1,10 +1,9 @@
-"""Simulation of the run of a scenario or of a comparison, its summary and its verdict."""
+"""Summary and verdict of the run of a scenario."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from typing import NamedTuple
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from rnc_pin.applications.scenario.controllers.feedback import SetPointSettings
 from rnc_pin.applications.scenario.plan_builder import frame_poses
 from rnc_pin.applications.scenario.schema.motions import MotionProblem
 from rnc_pin.control import limited_accelerations, missed_goals
-from rnc_pin.errors import ConfigurationError, RncError
+from rnc_pin.errors import ConfigurationError
 from rnc_pin.motion.planning import continued_back, path_distances
 from rnc_pin.motion.whole_body import InverseDynamicsQP
 from rnc_pin.motion.whole_body.limits import CollisionAvoidance
@@ -22,9 +21,7 @@ from rnc_pin.simulation import (
     SHORTFALL,
     FurtherLimits,
     LimitReplay,
-    Observer,
     Outcome,
-    SimulationOptions,
     Summary,
     Trajectory,
     add_limits,
@@ -36,32 +33,6 @@ from rnc_pin.simulation import (
     summarize,
 )
 from rnc_pin.verdict import Finding, FindingKind, Severity
-
-
-class Simulated(NamedTuple):
-    """Motion of a run, and the error that ended it early."""
-
-    trajectory: Trajectory
-    error: RncError | None
-
-
-def simulated(
-    experiment: Experiment, options: Callable[[Observer | None], SimulationOptions], observer: Observer | None
-) -> Simulated:
-    """Simulate an experiment. An error that ends it early is part of the result.
-
-    Args:
-        experiment: objects of the run.
-        options: options of the run for an observer.
-        observer: called with every ``Sample``.
-    """
-    try:
-        return Simulated(experiment.run(options(observer)), None)
-    except RncError as failure:
-        if not isinstance(failure.trajectory, Trajectory):
-            raise
-        return Simulated(failure.trajectory, failure)
-
 
 REPLAY_DISTANCE = 0.2
 """Distance up to which the replay of a run computes exact distances [m]."""

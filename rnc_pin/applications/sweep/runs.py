@@ -19,10 +19,9 @@ from typing import Any, TypeAlias, cast
 import numpy as np
 
 from rnc_pin.applications.scenario.execution import execute
-from rnc_pin.applications.scenario.files import apply_options, find_scenario, read_yaml
 from rnc_pin.applications.scenario.scenario import BuiltModel, Scenario
 from rnc_pin.applications.scenario.schema.run_settings import Distribution, Distributions
-from rnc_pin.applications.scenario.schema.scenario import admitted, validate
+from rnc_pin.applications.scenario.schema.scenario import admitted
 from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError, SingularityError
 from rnc_pin.io import Json, recorded_reads, to_json_mapping
 from rnc_pin.simulation import Outcome, Summary, Trajectory, add_verdict, simulate, summarize
@@ -192,16 +191,15 @@ def draws_of(scenario: str, options: Mapping[str, Json]) -> SeededDraws:
     Raises:
         ConfigurationError: the scenario has no ``sweep``, or does not take the values that it may draw.
     """
-    path = find_scenario(scenario)
-    raw = read_yaml(path)
-    checked = validate(apply_options(raw, options), path.name)
+    made = Scenario.read(scenario)
+    checked = made.with_options(options).content
     if not checked.sweep:
-        raise ConfigurationError(
-            f"{path.name}: sweep: is missing; give dotted keys and ranges, e.g. initial.q.joint: [0, 1]"
-        )
+        missing = "sweep: is missing; give dotted keys and ranges, e.g. initial.q.joint: [0, 1]"
+        raise ConfigurationError(missing).within(made.source)
     for key, distribution in checked.sweep.items():
+        drawing = replace(made, source=f"{made.source}: sweep.{key}")
         for value in distribution.examples():
-            validate(apply_options(raw, {**options, key: value}), f"{path.name}: sweep.{key}")
+            _ = drawing.with_options({**options, key: value}).content
     return SeededDraws(checked.sweep, checked.seed)
 
 
@@ -303,7 +301,7 @@ def with_options_of_sweeps(options: Mapping[str, Json]) -> dict[str, Json]:
     Args:
         options: options that all runs share, by dotted key.
     """
-    return {"preflight": "refuse", **options, "comparisons": {}, "plots": {}}
+    return {"preflight": "refuse", **options, "comparisons": [], "plots": {}}
 
 
 MOST_DRAWS = 20
@@ -384,7 +382,7 @@ class ScenarioRuns(Runs):
     def _scenario(self, options: Mapping[str, Json]) -> Scenario:
         """Build the objects of a run. Runs of this process with the same system and outputs share their model."""
         made = self._file.with_options(options)
-        return made.built_with(model=self._model(made), comparisons={}).build()
+        return made.built_with(model=self._model(made)).build()
 
     def _model(self, scenario: Scenario) -> BuiltModel:
         key = json.dumps([scenario.raw.get(each) for each in _STRUCTURE], default=repr)

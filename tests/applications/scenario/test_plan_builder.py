@@ -70,8 +70,8 @@ def test_existing_trackers_follow_the_outputs_of_the_plan_and_equal_plans_are_sh
     others = {"plan": {"controller": {"type": "plan_feedback"}}, "damped": {"forces": [damper]}}
     path = written(tmp_path, controller=tracker, comparisons=others)
     prepared = Scenario.load(path).build()
-    assert prepared.comparisons["plan"].plan is prepared.experiment.plan
-    assert prepared.comparisons["damped"].plan is not prepared.experiment.plan
+    assert prepared.comparisons["plan"].experiment.plan is prepared.experiment.plan
+    assert prepared.comparisons["damped"].experiment.plan is not prepared.experiment.plan
     run = execute(prepared)
     np.testing.assert_allclose(run.trajectory.q[-1, :2], [1.0, 0.0], atol=1e-2)
     np.testing.assert_allclose(run.comparisons["plan"].q[-1, :2], [1.0, 0.0], atol=1e-2)

@@ -71,10 +71,11 @@ def test_a_robot_and_a_table_beside_the_file_are_found_from_elsewhere(tmp_path):
         '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>'
     )
     robot, reference = {"urdf": "cart.urdf", "base": "planar"}, {"primary": {"csv": "way.csv"}}
-    scenario = rnc.Scenario.load(written(tmp_path, robot=robot, reference=reference, constraints=[], actuators=[]))
+    more = {"reference": reference, "constraints": [], "actuators": [], "comparisons": {"same": {}}}
+    scenario = rnc.Scenario.load(written(tmp_path, robot=robot, **more))
     (tmp_path / "elsewhere").mkdir()
     scenario.save(tmp_path / "elsewhere" / "saved.yaml")
-    for each in (scenario, rnc.Scenario.load(tmp_path / "elsewhere" / "saved.yaml")):
+    for each in (scenario, scenario.comparisons["same"], rnc.Scenario.load(tmp_path / "elsewhere" / "saved.yaml")):
         assert (each.robot.name, each.content.reference.primary.file) == ("cart", str(tmp_path / "way.csv"))
 
 
@@ -82,8 +83,12 @@ def test_a_gain_of_the_run_is_none_of_a_comparison_with_another_controller():
     """An option of the command line was refused by the comparison, whose type of controller has no such gain."""
     scenario = rnc.Scenario.load("space-robot", {"controller.k3": 5.0, "plots": {}}).build()
     assert scenario.controller.target.describe()["k3"] == 5.0
-    (compared,) = scenario.comparisons.values()
-    assert compared.scenario.controller.type == "reducing_outputs"
+    ((name, compared),) = scenario.comparisons.items()
+    alone = rnc.Scenario.load("space-robot", {"variant": name})
+    assert compared.content.controller == alone.content.controller
+    assert alone.content.controller.type == "reducing_outputs"
+    with pytest.raises(rnc.ConfigurationError, match="no variant 'platfrm uncontrolled'; did you mean 'platform unc"):
+        rnc.Scenario.load("space-robot", {"comparisons": ["platfrm uncontrolled"], "plots": {}})
     with pytest.raises(rnc.ConfigurationError, match=r"comparisons\.odd: controller: 'kk' is not known"):
         rnc.Scenario.load("space-robot", {"comparisons": {"odd": {"controller.kk": 1.0}}, "plots": {}}).build()
 

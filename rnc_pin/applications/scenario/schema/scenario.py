@@ -252,7 +252,7 @@ class ScenarioFile(Strict):
         accept: kinds of findings that do not fail a run, such as ``lift_off``. Say in a comment why they are
             acceptable.
         seed: seed of all random numbers.
-        comparisons: additional runs for comparison: label to dotted keys and their values.
+        comparisons: names of the variants to run for comparison. A mapping states variants for this alone.
         presets: values for each preset of the controller: preset to dotted keys and their values. Options of the
             command line take precedence.
         variant: name of the entry of ``variants`` to run; none by default.
@@ -289,7 +289,7 @@ class ScenarioFile(Strict):
     goal_tolerance: Positive = 0.02
     accept: list[FindingKind] = []
     seed: Annotated[int, Field(ge=0)] = 0
-    comparisons: dict[str, dict[str, Content]] = {}
+    comparisons: list[str] | dict[str, dict[str, Content]] = []
     presets: dict[Literal["paper", "scaled"], dict[str, Content]] = {}
     variant: str | None = None
     variants: dict[str, dict[str, Content]] = {}
@@ -302,6 +302,12 @@ class ScenarioFile(Strict):
     def listed_outputs(self) -> tuple[OutputKind, ...]:
         """Outputs of the file: the reducing ones, then the vertical ones."""
         return () if self.outputs is None else (*self.outputs.reducing, *self.outputs.vertical)
+
+    @property
+    def compared(self) -> dict[str, dict[str, Content]]:
+        """Variants to run for comparison: name to dotted keys and their values."""
+        named = self.comparisons
+        return named if isinstance(named, dict) else {name: self.variants[name] for name in named}
 
     def reduced(self, system: NonholonomicSystem) -> ReducedModel:
         """System, reduced to the outputs of the file."""
@@ -318,13 +324,11 @@ class ScenarioFile(Strict):
         return self.model_copy(update={"constraints": grounded[:count], "contacts": landing})
 
     @model_validator(mode="after")
-    def _variant_exists(self) -> ScenarioFile:
-        if self.variant is not None and self.variant not in self.variants:
-            raise ValueError(f"no variant '{self.variant}'{nearest(self.variant, self.variants)}")
-        return self
-
-    @model_validator(mode="after")
-    def _labels_exist(self) -> ScenarioFile:
+    def _names_exist(self) -> ScenarioFile:
+        asked = self.comparisons if isinstance(self.comparisons, list) else []
+        for name in filter(None, (self.variant, *asked)):
+            if name not in self.variants:
+                raise ValueError(f"no variant '{name}'{nearest(name, self.variants)}")
         for name, plot in self.plots.items():
             for label in plot.comparisons or []:
                 if label not in self.comparisons:
