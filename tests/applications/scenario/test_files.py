@@ -287,9 +287,8 @@ def test_a_preset_brings_what_goes_with_it_a_variant_its_preset_and_options_coun
     (tmp_path / "again.yaml").write_text(yaml.safe_dump(shorter.raw))
     assert Scenario.load(str(tmp_path / "again.yaml")).build().duration == 2.0
     assert Scenario.load(presets_and_variants(tmp_path, variant="slow")).build().duration == 3.0
-    for wrong, words in (
-        ({"presets": {"papr": {}}}, r"presets\.papr"),
-        ({"variant": "slwo"}, "no variant 'slwo'; did you mean 'slow'"),
-    ):
+    unknown = "no variant 'slwo'; did you mean 'slow'"
+    wrongs = {"comparisons": ["slwo"]}, {"variant": "slwo"}, {"presets": {"papr": {}}}
+    for wrong, words in zip(wrongs, (unknown, unknown, r"presets\.papr"), strict=True):
         with pytest.raises(rnc.ConfigurationError, match=words):
             Scenario.load(presets_and_variants(tmp_path, **wrong)).build()
