@@ -114,7 +114,7 @@ class Strict(BaseModel):
     """
 
     described_by: ClassVar[type | None] = None
-    """Another class whose docstring describes the keys."""
+    """Another class whose docstring describes the keys that this one does not describe."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True, defer_build=True)
 
@@ -138,7 +138,7 @@ class Strict(BaseModel):
     @classmethod
     def key_descriptions(cls) -> dict[str, str]:
         """Description of each key, from its field or from the docstring of the attribute."""
-        texts = dict(descriptions(cls.described_by or cls))
+        texts = {**descriptions(cls.described_by or cls), **descriptions(cls)}
         texts |= {name: field.description for name, field in cls.model_fields.items() if field.description is not None}
         return {name: texts[name] for name in cls.model_fields if name in texts}
 

@@ -1,30 +1,39 @@
 """Controllers of a scenario: one settings class for each ``type``, which builds its controller.
 
-To add a type, write its class in a module of its kind, and add it to the types at the end of that module.
+To add a type, write its class in a module of this package.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from functools import reduce
+from importlib import import_module
+from operator import or_
+from pkgutil import iter_modules
 from typing import Annotated, get_args
 
 from pydantic import BeforeValidator, Field
 
-from rnc_pin.applications.scenario.controllers.base import ControllerSettings, NoControlSettings
+from rnc_pin.applications.scenario.controllers.base import ControllerSettings
 from rnc_pin.applications.scenario.controllers.context import BuiltController, ControllerContext
-from rnc_pin.applications.scenario.controllers.feedback import FeedbackTypes
-from rnc_pin.applications.scenario.controllers.tracking import TrackingTypes
-from rnc_pin.applications.scenario.controllers.whole_body import WholeBodyTypes
+from rnc_pin.applications.scenario.schema.derived import ReadAs
 from rnc_pin.errors import nearest
-from rnc_pin.io import Json, wrong
+from rnc_pin.io import Json, Strict, wrong
 
 __all__ = ["TYPES", "BuiltController", "ControllerContext", "ControllerItem", "read_by", "without_foreign_gains"]
 
-_AnyType = TrackingTypes | FeedbackTypes | WholeBodyTypes | NoControlSettings
 
-TYPES: dict[str, type[ControllerSettings]] = {
-    get_args(each.model_fields["type"].annotation)[0]: each for each in get_args(_AnyType)
-}
+def _types(base: type[Strict]) -> Iterator[tuple[str, type[Strict]]]:
+    """Settings classes below a base, by the ``type`` that they name."""
+    for each in base.__subclasses__():
+        yield from ((str(name), each) for name in get_args(each.model_fields["type"].annotation))
+        yield from _types(each)
+
+
+for _module in iter_modules(__path__):
+    import_module(f"{__name__}.{_module.name}")
+
+TYPES: dict[str, type[Strict]] = dict(sorted(_types(ControllerSettings)))
 """Name of each type to its settings class."""
 
 
@@ -53,7 +62,10 @@ def _check_keys(raw: object) -> object:
     return kept
 
 
-ControllerItem = Annotated[_AnyType, Field(discriminator="type"), BeforeValidator(_check_keys)]
+_any_type: object = reduce(or_, TYPES.values())
+ControllerItem = Annotated[
+    ControllerSettings, ReadAs(Annotated[_any_type, Field(discriminator="type"), BeforeValidator(_check_keys)])
+]
 
 
 def read_by(kind: str, controller: Mapping[str, Json]) -> dict[str, Json]:

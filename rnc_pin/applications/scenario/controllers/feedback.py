@@ -407,8 +407,3 @@ class WayFollowerSettings(_ToGoal):
             state_cost=self.state_cost,
         )
         return ActuatorVelocityController(context.reduced, follower)
-
-
-FeedbackTypes = (
-    StateFeedbackSettings | PlanFeedbackSettings | SetPointSettings | PredictiveSettings | WayFollowerSettings
-)

@@ -319,11 +319,6 @@ class SteeringSettings(VelocityTrackerSettings):
         return self.track(context, kinematic)
 
 
-TrackingTypes = (
-    RedundancySettings | ReducingOutputsSettings | JacobianTransposeSettings | SteeringSettings | TwoPhaseSettings
-)
-
-
 class _Reordered:
     """Reference with its outputs in another order."""
 

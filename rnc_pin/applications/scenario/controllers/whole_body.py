@@ -289,6 +289,3 @@ class InverseDynamicsSettings(WholeBodySettings):
         unsafe = () if problem is None else (f"no braking motion from the start keeps all limits: {problem}",)
         complaints = refuse_or_warn(context.preflight, unsafe)
         return BuiltController(program, complaints, goals=goals)
-
-
-WholeBodyTypes = VelocityProgramSettings | InverseDynamicsSettings

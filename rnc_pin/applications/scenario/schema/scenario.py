@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
-from typing import Annotated, Literal, TypeVar, cast
+from typing import Annotated, ClassVar, Literal, TypeVar, cast
 
 from pydantic import BaseModel, BeforeValidator, Field, TypeAdapter, model_validator
 
@@ -65,26 +65,15 @@ class ControlLoopSettings(Strict):
 class PlantSettings(Strict):
     """Simulated plant: the reduced model of rnc_pin, or the robot in MuJoCo.
 
+    ``MuJoCoSettings`` describes the settings of MuJoCo.
+
     Attributes:
-        step: time step of MuJoCo [s]; reduced slightly so that the sampling period is a multiple of it.
-        integrator: "RK4" for motion without contacts, where it agrees with the reduced model to many digits;
-            "implicitfast", "implicit" and "Euler" are of first order and cheaper.
-        friction: friction coefficients of wheels and blades: sliding [1], torsional [m], rolling [m].
-        contact_time: time constant of contacts [s]; at least four steps, which is the default. The penetration under
-            the weight is 10 m/s^2 times its square.
-        stance: support of a vehicle whose model is planar. "free": six degrees of freedom; it can lean and tip.
-            "level": it moves vertically but cannot lean, so its wheels share the weight evenly. "auto": free if its
-            wheels carry it, level if it would tip.
-        casters: add frictionless supports to a vehicle of stance "free"; "auto" adds them if its wheels alone do not
-            carry it.
-        settling: time before a run in which the vehicle comes to rest on the ground with fixed joints [s].
-        joint_limits: enforce the position limits of the robot file.
-        joint_damping: apply the viscous joint damping of the robot file.
-        effort_limits: clip inputs to the limits of the actuators.
         type: "reduced": the reduced model of rnc_pin; it has only ``servo_time``. "mujoco": MuJoCo with the other
             settings.
         servo_time: time constant of ideal velocity servos [s], for a controller whose commands are velocities.
     """
+
+    described_by: ClassVar[type] = MuJoCoSettings
 
     step: float = 0.0005
     integrator: Integrator = "RK4"

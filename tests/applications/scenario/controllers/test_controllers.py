@@ -95,7 +95,7 @@ test_what_is_wrong_is_told_without_words_of_the_union = refused([
     ({"type": "two_phase"}, "controller.platform: is missing; expected goal pose and start time"),
     ({"type": "steering", "k3": "x"}, "controller.k3: expected a valid number"),
     ({"type": "two_phase", "preset": "paper", **NEEDED["two_phase"], "adaptation": 2}, "belongs to the preset"),
-    ({"type": ["steering"]}, r"controller.type: expected 'redundancy', .* or 'none', found \['steering'\]"),
+    ({"type": ["steering"]}, r"controller.type: expected 'inverse_dynamics', .* or 'way', found \['steering'\]"),
     ("steering", "controller: expected a mapping, found 'steering'"),
 ], lambda controller: validate(scenario(controller), "mine"), rnc.ConfigurationError)  # fmt: skip
 

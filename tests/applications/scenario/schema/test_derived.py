@@ -1,6 +1,7 @@
 """Entries of scenario files are derived from dataclasses: what those have, files have, and it is described."""
 
 import dataclasses
+import inspect
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -11,10 +12,20 @@ from annotated_types import Gt, Len
 from pydantic import TypeAdapter, ValidationError
 
 import rnc_pin as rnc
+from rnc_pin.applications.scenario.controllers import feedback, whole_body
 from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
+from rnc_pin.applications.scenario.schema import motions, run_settings, scenario, world
 from rnc_pin.applications.scenario.schema.derived import ClassReader, one_of
 from rnc_pin.applications.scenario.schema.kinds import ConstraintItem
 from rnc_pin.applications.scenario.schema.scenario import schema, validate
+from rnc_pin.collision import Obstacle
+from rnc_pin.control.loop import LoopSettings
+from rnc_pin.lab.mujoco import MuJoCoSettings
+from rnc_pin.motion import optimal
+from rnc_pin.motion.planning import CarPath
+from rnc_pin.motion.whole_body import InverseDynamicsQP, VelocityQP, tasks
+from rnc_pin.motion.whole_body.limits import CollisionAvoidance
+from rnc_pin.plants import ContactPlant, Faults, ReducedPlant
 from rnc_pin.visualization.drawn_state import View
 
 KINDS = [getattr(package, name) for package in (rnc.constraints, rnc.outputs) for name in package.__all__]
@@ -55,6 +66,26 @@ def test_the_view_is_declared_once():
     raw = with_options(read_yaml(find_scenario("space-robot")), {"view": {"camera": [1, 2, 3], "ground": None}})
     view = validate(raw, "mine.yaml").view
     assert view == View(camera=[1.0, 2.0, 3.0], ground=None)
+
+
+def test_a_default_of_a_file_is_that_of_its_class():
+    elsewhere = {"bounds", "limits", "fallback", "form", "name"}  # in another form, or with a default of its own
+    for settings, kind in [
+        (scenario.PlantSettings, MuJoCoSettings), (scenario.FaultSettings, Faults),
+        (scenario.ControlLoopSettings, LoopSettings), (run_settings.SimulationSettings, ReducedPlant),
+        (run_settings.SimulationSettings, ContactPlant), (world.BoxObstacle, Obstacle),
+        (motions.OutputCostSettings, optimal.OutputCost), (motions.OptimalPlanner, optimal.SolverSettings),
+        (motions.VehiclePath, CarPath), (feedback.WayFollowerSettings, optimal.WayFollower),
+        (feedback.PredictiveSettings, optimal.UpdateSchedule), (feedback.PredictiveSettings, optimal.SetPointCost),
+        (feedback.SetPointSettings, optimal.SetPointController), (feedback.PlanFeedbackSettings, optimal.PlanFeedback),
+        (whole_body.OutputTaskSettings, tasks.OutputTask), (whole_body.BasePoseSettings, tasks.BasePoseTask),
+        (whole_body.CenterOfMassSettings, tasks.CenterOfMassTask), (whole_body.VelocityProgramSettings, VelocityQP),
+        (whole_body.CollisionSettings, CollisionAvoidance), (whole_body.InverseDynamicsSettings, InverseDynamicsQP),
+    ]:  # fmt: skip
+        in_files, given = settings.model_json_schema()["properties"], inspect.signature(kind).parameters
+        stated = {name: each.default for name, each in given.items() if each.default is not each.empty}
+        shared = in_files.keys() & stated.keys() - elsewhere
+        assert {in_files[name].get("default", name) == said_default(stated[name]) for name in shared} == {True}, kind
 
 
 @dataclass(frozen=True)
