@@ -42,11 +42,3 @@ def test_pictures_are_those_that_are_promised(tmp_path):
     assert drawn.written == [name for name in picture_names(prepared) if name in drawn.written]
     assert {path.name for path in tmp_path.iterdir()} == set(drawn.written) >= {"overview.png", "animation.html"}
     assert not drawn.failures
-
-
-def test_a_run_that_fails_has_no_comparisons():
-    far = {"reference.primary": {"minimum_jerk": {"to": [4, 0], "duration": 1}}, "simulation.duration": 2}
-    result = execute(Scenario.load("space-robot", {**far, "controller.preset": "paper"}))
-    assert result.error is not None
-    assert result.trajectory.outcome is not Outcome.COMPLETED
-    assert not result.comparisons

@@ -156,7 +156,6 @@ TIP = {"frame_position": {"frame": "tip", "axes": "xy"}}
 
 BROKEN = {
     "unknown key": ({"contoller": {}}, ["mine.yaml: 'contoller' is not known; did you mean 'controller'?"]),
-    "unknown key inside": ({"simulation.stpes": 2}, ["mine.yaml", "simulation: 'stpes'"]),
     "robot is a name": ({"robot": "space_robot.urdf"}, ["robot: expected a mapping", "'space_robot.urdf'"]),
     "no robot": ({"robot": {"base": "fixed"}}, ["robot: expected one of 'urdf', 'mjcf' and 'example'"]),
     "misspelt URDF": ({"robot.urdf": "space_robt.urdf"}, ["did you mean 'space_robot.urdf'?"]),
@@ -169,12 +168,8 @@ BROKEN = {
         ["constraints[0].momentum.joint: is missing"]),
     "coupling to itself": ({"constraints.0": {"joint_coupling": {"joint": "joint_1", "driver": "joint_1"}}},
         ["joint 'joint_1' cannot be coupled to itself"]),
-    "ball of no radius": ({"constraints.0": {"rolling_ball": {"frame": "tip"}}},
-        ["constraints[0].rolling_ball.radius: is missing"]),
     "wheel of radius zero": ({"constraints.0": {"rolling_wheel": {"frame": "tip", "radius": 0}}},
         ["constraints[0].rolling_wheel.radius: expected greater than 0", "found 0"]),
-    "unknown axis": ({"constraints.0": {"no_side_slip": {"frame": "tip", "axis": "w"}}},
-        ["constraints[0].no_side_slip.axis: expected 'x', 'y' or 'z'", "'w'"]),
     "unknown frame": ({f"{FIRST}.frame_position.frame": "tpi"}, ["frame 'tpi'", "did you mean 'tip'?"]),
     "output that is a name": ({FIRST: "joint_1"},
         ["outputs.reducing[0]", "'joint_1'; a joint is written {joint: joint_1}"]),
@@ -188,20 +183,17 @@ BROKEN = {
     "reference of another type": ({"controller": {"type": "jacobian_transpose", "active": ["joint_2", "joint_3"]}},
         ["reference.vertical: is not"]),
     "reference of an unknown part": ({"reference.primray": {}}, ["reference: 'primray'", "mean 'primary'?"]),
-    "reference that is a word": ({PRIMARY: "tip"}, [f"{PRIMARY}: expected a mapping", "found 'tip'"]),
     "goal too short": ({f"{PRIMARY}.minimum_jerk.to": [1.0]}, [f"{PRIMARY}:", "1 value"]),
     "constant too long": ({"reference.vertical": {"hold": {"value": [1, 2]}}},
         ["reference.vertical:", "2 values for 1"]),
     "goal and step": ({f"{PRIMARY}.minimum_jerk.by": [1, 1]},
         [f"{PRIMARY}.minimum_jerk: expected one of 'to' and 'by'"]),
-    "motion of no time": ({f"{PRIMARY}.minimum_jerk.duration": 0}, [f"{PRIMARY}.minimum_jerk.duration", "found 0"]),
     "frequencies too many": ({PRIMARY: {"harmonic": {"amplitude": [1, 1], "frequency": [1, 2, 3]}}},
         [PRIMARY, "frequency"]),
-    "unknown controller": ({"controller.type": "redundency"}, ["controller.type: expected 'redundancy', 'red"]),
+    "unknown controller": ({"controller.type": "redundency"}, ["controller.type: expected 'inverse_dynamics', 'j"]),
     "gain in words": ({"controller.k": "high"}, ["controller.k: expected", "number", "'high'"]),
     "too few velocity gains": ({"controller.k": [1, 2]}, ["controller.k"]),
     "too many primary gains": ({"controller.k21": [1, 2, 3]}, ["controller.k21"]),
-    "negative leak": ({"controller.sigma": -1}, ["controller.sigma: expected greater than or equal to 0"]),
     "bandwidth of the paper": ({"controller": {"type": "redundancy", "preset": "paper", "bandwidth": 5}},
         ["controller.bandwidth", "'scaled'"]),
     "no simulation": ({"simulation": None}, ["simulation: is missing"]),
@@ -224,25 +216,22 @@ def test_a_mistake_is_named_in_one_line(changes, words, tmp_path):
 TEXTS = {
     "empty": ("", ["expected a mapping", "the file is empty"]),
     "list": ("- robot\n- task\n", ["expected a mapping", "['robot', 'task']"]),
-    "word": ("robot\n", ["expected a mapping", "'robot'"]),
     "bracket left open": ("seed: 1\nrobot: {urdf: a\ntask: b\n", ["line 3"]),
     "tab": ("robot:\n\turdf: a\n", ["line 2", "'\\t'"]),
     "key twice": ("seed: 1\nrobot: {}\nseed: 2\n", ["line 3", "duplicate key 'seed'"]),
-    "key twice inside": ("simulation:\n  dt: 1\n  dt: 2\n", ["line 3", "duplicate key 'dt'"]),
     "contains itself": ("robot: &robot\n  urdf: *robot\n", ["line 1", "recursive"]),
     "unknown alias": ("robot: *nobody\n", ["line 1", "'nobody'"]),
     "Python object": ("robot: !!python/object/apply:os.getcwd []\n", ["line 1", "tag"]),
     "two documents": ("seed: 1\n---\nseed: 2\n", ["line 2", "document"]),
     "no such day": ("title: 2020-13-45\n", ["not YAML"]),
     "zero byte": ("title: \0\n", ["not YAML"]),
-    "no text": (b"title: \xff\n", ["cannot be read"]),
 }
 
 
 @pytest.mark.parametrize(("text", "words"), TEXTS.values(), ids=TEXTS)
 def test_a_file_that_is_no_mapping_is_refused_with_its_line(text, words, tmp_path):
     path = tmp_path / "mine.yaml"
-    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    path.write_text(text)
     message = refusal(lambda: Scenario.load(str(path)).build())
     assert all(word in message for word in ["mine.yaml", *words]), message
 
