@@ -51,10 +51,10 @@ from .lab.calibration import base_parameters as base_parameters
 from .lab.calibration import calibrate as calibrate
 from .lab.calibration import compare as compare
 from .lab.logs import Log as Log
-from .model.actuation import FrameForce as FrameForce
-from .model.actuation import FrameTorque as FrameTorque
-from .model.actuation import OpenDifferential as OpenDifferential
 from .model.evaluation_results import Measurement as Measurement
+from .model.generalized_forces import FrameForce as FrameForce
+from .model.generalized_forces import FrameTorque as FrameTorque
+from .model.generalized_forces import OpenDifferential as OpenDifferential
 from .model.impact import Impact as Impact
 from .model.impact import impact as impact
 from .model.reduced_model import ReducedModel as ReducedModel

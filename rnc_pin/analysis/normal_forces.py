@@ -17,8 +17,8 @@ from rnc_pin.array_shapes import Float, Int
 from rnc_pin.errors import ConfigurationError, SingularityError
 from rnc_pin.math.linear_algebra import nonnegative
 from rnc_pin.model.cached_property import once_per_model
+from rnc_pin.model.generalized_forces import PassiveForce
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics, VelocityKinematics
-from rnc_pin.model.passive_forces import PassiveForce
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.rows import Place
 from rnc_pin.model.state_evaluation import StateEvaluation

@@ -1,10 +1,6 @@
 """Exports of ``rnc_pin.model``, which ``__init__.py`` imports at their first use."""
 
 from . import integrators as integrators
-from .actuation import Actuator as Actuator
-from .actuation import FrameForce as FrameForce
-from .actuation import FrameTorque as FrameTorque
-from .actuation import OpenDifferential as OpenDifferential
 from .configuration_evaluation import ConfigurationEvaluation as ConfigurationEvaluation
 from .coordinates import Coordinates as Coordinates
 from .coordinates import heading_of as heading_of
@@ -13,13 +9,17 @@ from .evaluation_results import Measurement as Measurement
 from .evaluation_results import ReducedRegressor as ReducedRegressor
 from .frame_rows import OffsetFrame as OffsetFrame
 from .frame_rows import axis_index as axis_index
+from .generalized_forces import Actuator as Actuator
+from .generalized_forces import ForceKind as ForceKind
+from .generalized_forces import FrameForce as FrameForce
+from .generalized_forces import FrameTorque as FrameTorque
+from .generalized_forces import OpenDifferential as OpenDifferential
 from .input_validation import Axes as Axes
 from .input_validation import NotNegative as NotNegative
 from .input_validation import Positive as Positive
 from .input_validation import is_number as is_number
 from .input_validation import vector as vector
 from .kinematics import Kinematics as Kinematics
-from .passive_forces import ForceKind as ForceKind
 from .reduced_model import ReducedModel as ReducedModel
 from .rows import ConstraintKind as ConstraintKind
 from .rows import OutputKind as OutputKind

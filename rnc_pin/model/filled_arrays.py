@@ -16,6 +16,7 @@ from rnc_pin import _kernel
 from rnc_pin.math.linear_algebra import Component
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.factorization import Factorization
+from rnc_pin.model.generalized_forces import ForceSums
 from rnc_pin.model.kinematics import (
     ALL,
     WORLD_AXES,
@@ -25,7 +26,6 @@ from rnc_pin.model.kinematics import (
     PositionKinematics,
     VelocityKinematics,
 )
-from rnc_pin.model.passive_forces import ForceSums
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.reduction_kernel import ReductionKernel
 from rnc_pin.model.rows import Place, Rows

@@ -13,9 +13,8 @@ import numpy as np
 
 from rnc_pin.errors import ConstraintError, few
 from rnc_pin.math.linear_algebra import pivot_columns, unit_rows
-from rnc_pin.model.actuation import Actuation
+from rnc_pin.model.generalized_forces import Actuation, PassiveForces
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.passive_forces import PassiveForces
 from rnc_pin.model.rows import Rows, RowStack
 
 TOLERANCE = 1e-8  # on unit rows: sine of the angle below which a row counts as dependent

@@ -13,14 +13,13 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.evaluation_results import LagrangianTerms, ReducedRegressor, ReducedTerms
 from rnc_pin.model.evaluator import Evaluator, evaluator_for
+from rnc_pin.model.generalized_forces import Actuation, PassiveForces
 from rnc_pin.model.independence import DroppedRow
 from rnc_pin.model.input_validation import ArrayInput
-from rnc_pin.model.passive_forces import PassiveForces
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.rows import OutputStack, RowStack
 from rnc_pin.model.state_evaluation import StateEvaluation

@@ -12,9 +12,8 @@ import numpy as np
 
 from rnc_pin.errors import SingularityError
 from rnc_pin.math.linear_algebra import null_space, pivot_columns
-from rnc_pin.model.actuation import Actuation
+from rnc_pin.model.generalized_forces import Actuation, PassiveForces
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.passive_forces import PassiveForces
 from rnc_pin.model.rows import ConstantRows, OutputRows, OutputStack, RowStack
 from rnc_pin.robots.robot import Robot
 

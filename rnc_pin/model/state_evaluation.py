@@ -33,9 +33,9 @@ from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.evaluation_results import Measurement, ReducedRegressor, ReducedTerms, StateDerivative
 from rnc_pin.model.filled_arrays import ArraysAtQ, ArraysAtV, ArraySource, arrays_at_v
+from rnc_pin.model.generalized_forces import ForceSums
 from rnc_pin.model.input_validation import ArrayInput, vector
 from rnc_pin.model.kinematics import VelocityKinematics
-from rnc_pin.model.passive_forces import ForceSums
 from rnc_pin.printing import ObjectSummary, described
 
 _INERTIAL = ("m", "m x", "m y", "m z", "I_xx", "I_xy", "I_yy", "I_xz", "I_yz", "I_zz")

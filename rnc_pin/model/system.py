@@ -12,12 +12,11 @@ import numpy as np
 from rnc_pin.errors import ConstraintError, ModelWarning, SingularityError, argument, few
 from rnc_pin.math.linear_algebra import null_space
 from rnc_pin.model import independence
-from rnc_pin.model.actuation import Actuation, Actuators
 from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.evaluator import evaluator_for
+from rnc_pin.model.generalized_forces import Actuation, Actuators, ForceKind, PassiveForces
 from rnc_pin.model.input_validation import numbers_of
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.passive_forces import ForceKind, PassiveForces
 from rnc_pin.model.reduced_model import ReducedModel, system_headline, system_lines
 from rnc_pin.model.reduction_data import ReductionData, VelocityRows, best_entries, row_scales
 from rnc_pin.model.relative_rows import CouplingRow, is_loose, loose_mimics, mimic_rows

@@ -6,13 +6,12 @@ import pytest
 
 import rnc_pin as rnc
 from bodies import add_body
-from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.evaluator import evaluator_for
 from rnc_pin.model.factorization import dependences, factorize
+from rnc_pin.model.generalized_forces import Actuation, PassiveForces
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.passive_forces import PassiveForces
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.reduction_data import ReductionData, VelocityRows
 from rnc_pin.model.rows import OutputStack, RowStack, check_defined

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.model.actuation import Actuation
+from rnc_pin.model.generalized_forces import Actuation, PassiveForces
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.passive_forces import PassiveForces
 from rnc_pin.model.reduction_data import ReductionData, VelocityRows, row_scales
 from rnc_pin.model.rows import OutputStack, RowStack
 from textbook_systems import Flat, Turning, sliders

@@ -9,10 +9,9 @@ import pytest
 import rnc_pin as rnc
 from bodies import add_body, add_frame
 from rnc_pin.control import PositionTracker, RedundancyController, VelocityGains, VelocityTracker
-from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.evaluator import Evaluator, evaluator_for
+from rnc_pin.model.generalized_forces import Actuation, PassiveForces
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.passive_forces import PassiveForces
 from rnc_pin.model.reduction_data import ReductionData, VelocityRows
 from rnc_pin.model.rows import OutputRows, OutputStack, RowStack
 from rnc_pin.model.state_evaluation import StateEvaluation, kinematic_gradient
