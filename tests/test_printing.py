@@ -44,7 +44,7 @@ def test_what_prints_a_run_begins_with_its_verdict_and_the_finding_that_decides(
     """A run that came to its end, but not to its goal."""
     reduced = system.reduce()
     run = rnc.free_motion(reduced, reduced.robot.configuration(), [1.0, 0.0, 0.0, 0.0], 0.2, 0.1)
-    run.keep_verdict(rnc.simulation.judge(run, goal_errors={"hand": 0.3}))
+    run = run.with_verdict(rnc.simulation.judge(run, goal_errors={"hand": 0.3}))
     summary = rnc.summarize(run)
     add_verdict(summary, run.verdict)
     why = "failed: the goal of hand is missed by 0.3, allowed is 0.02"

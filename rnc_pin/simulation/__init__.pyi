@@ -7,6 +7,7 @@ from rnc_pin.verdict import FindingKind as FindingKind
 from rnc_pin.verdict import Severity as Severity
 from rnc_pin.verdict import Verdict as Verdict
 
+from .derived_quantities import output_names as output_names
 from .free_motion import free_motion as free_motion
 from .judgement import distance_findings as distance_findings
 from .judgement import judge as judge
@@ -21,12 +22,13 @@ from .preflight import FrictionDemand as FrictionDemand
 from .preflight import Margins as Margins
 from .preflight import margins_along as margins_along
 from .preflight import preflight as preflight
-from .record import output_names as output_names
 from .rollout import Margin as Margin
 from .rollout import Rollout as Rollout
 from .rollout import RolloutEvaluation as RolloutEvaluation
 from .rollout import kinematic_rollout as kinematic_rollout
 from .rollout import tuned_tracker as tuned_tracker
+from .run_data import Grounds as Grounds
+from .run_data import RunData as RunData
 from .run_data import tracking_errors as tracking_errors
 from .run_figure import compared_paths as compared_paths
 from .run_figure import ground_paths as ground_paths

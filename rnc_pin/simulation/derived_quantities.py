@@ -1,11 +1,14 @@
-"""Quantities of a run that follow from its states and inputs, in blocks of samples: forces, energy, residuals."""
+"""Derivation of a run from its record: names, continuous outputs, goals, forces, energy and residuals."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import platform
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 from numpy import ndarray as Array
 
 from rnc_pin.analysis import NormalForces
@@ -14,111 +17,228 @@ from rnc_pin.model.cached_property import once_per_model
 from rnc_pin.model.evaluator import Evaluator, evaluator_for
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.reduction_data import best_entries
+from rnc_pin.model.rows import OutputStack
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.simulation.ground_bodies import GroundBody, ground_poses
+from rnc_pin.simulation import run_info
+from rnc_pin.simulation.ground_bodies import ground_bodies, ground_poses
+from rnc_pin.simulation.record import GOALS, Record, blocks
+from rnc_pin.simulation.run_data import Grounds
+from rnc_pin.simulation.trajectory import Trajectory
+from rnc_pin.version import __version__
 
-MATRICES = 8
-"""Temporary (n, n) matrices for each sample."""
-_BLOCK = 1000  # largest number of samples in a block
-_ROOM = 16e6  # memory for the matrices of a block [bytes]
+_MATRICES = 8  # temporary (n, n) matrices for each sample
 _MOST_REDUCTIONS = 16  # kept for each model
 
 
-def blocks(samples: int, numbers: int) -> Iterator[slice]:
-    """Yield blocks of samples, so that memory does not grow with the length of the run.
+def derive(record: Record, info: run_info.RunInfo) -> Trajectory:
+    """Run with everything that follows from its record.
 
     Args:
-        samples: number of samples.
-        numbers: temporary numbers per sample.
+        record: samples of the run.
+        info: origin and outcome of the run, without names of columns and goals.
     """
-    length = max(1, min(_BLOCK, int(_ROOM / (8 * max(numbers, 1)))))
-    for start in range(0, samples, length):
-        yield slice(start, min(start + length, samples))
+    reduced, signals = record.reduced, record.signals
+    x1, x2 = reduced.vertical.coordinates, reduced.reducing.coordinates
+    integrals, time = signals.pop("integrals"), signals["time"]
+    # An angle of a coordinate forgets full turns; the integral of its rate tells which turn it is in.
+    signals["x1"] = x1.unwrap(signals["x1"], _integrated(signals["x1"], signals["v1"], time))
+    about = _integrated(signals["x2"], signals["v2"], time)
+    about[:, record.carries] = (signals["x2"][:1] + integrals)[:, record.carries]
+    signals["x2"] = x2.unwrap(signals["x2"], about)
+    goals = _goals(reduced, signals)
+    # Controllers of velocities give no goal of x2: it is the integral of the desired rate.
+    rates = signals["v2_desired"]
+    filled = np.isnan(signals["x2_desired"]).all(axis=0) & ~np.isnan(rates).any(axis=0)
+    signals["x2_desired"][:, filled] = _integrated(signals["x2"][:, filled], rates[:, filled], time)
+    forces = _Forces.of(record, switching=bool(info.phases))
+    quantities = _quantities(record, forces, signals)
+    # Forces that the plant states itself replace those of its model.
+    stated = {kind: signals.pop(kind) for kind in record.own_forces}
+    quantities |= {kind: stated[kind] for kind, units in record.own_forces.items() if units}
+    info = replace(info, outputs=_names(record, forces), goals=goals)
+    return Trajectory(**signals, **quantities, info=info, grounds=Grounds(reduced))
 
 
-class RowNames(NamedTuple):
+# ---------------------------------------------------------------------- names, goals and outputs
+
+
+@once_per_model
+def output_names(reduced: ReducedModel) -> run_info.OutputNames:
+    """Names, units and coordinate types of the columns in runs of a model."""
+    return run_info.OutputNames(
+        x1=columns_of(reduced.vertical),
+        x2=columns_of(reduced.reducing),
+        T=tuple(reduced.actuation.names),
+        T_units=tuple(reduced.actuation.units),
+        multipliers=tuple(reduced.constraints.names),
+        contact_forces=tuple(reduced.all_constraints.names),
+        v=tuple(reduced.robot.velocity_names),
+        v_units=tuple(reduced.robot.velocity_units),
+        q=tuple(name for name, _ in reduced.robot.configuration_entries),
+        q_units=tuple(unit for _, unit in reduced.robot.configuration_entries),
+        multipliers_units=tuple(run_info.FORCE_UNITS.get(unit, "") for unit in reduced.constraints.units),
+        contact_forces_units=tuple(run_info.FORCE_UNITS.get(unit, "") for unit in reduced.all_constraints.units),
+    )
+
+
+def columns_of(outputs: OutputStack) -> run_info.Columns:
+    """Names, units and coordinate types of outputs."""
+    units = tuple(unit.removesuffix("/s") for unit in outputs.units)
+    angular, rotations = outputs.angular.tolist(), outputs.coordinates.rotations
+    return run_info.Columns(
+        tuple(outputs.names), units, tuple(angular), tuple(rotations), tuple(outputs.quasi.tolist())
+    )
+
+
+def versions() -> dict[str, str]:
+    """Versions of the software that a result depends on."""
+    return {
+        "rnc_pin": __version__,
+        "pin": pin.__version__,
+        "numpy": np.__version__,
+        "python": platform.python_version(),
+    }
+
+
+def _names(record: Record, forces: _Forces) -> run_info.OutputNames:
+    """Names and units of the columns of all arrays."""
+    models = [record.reduced, *record.plant_models]
+    own = [output_names(model) for model in dict.fromkeys(models)]
+    units = {
+        name: unit for each in own for name, unit in zip(each.contact_forces, each.contact_forces_units, strict=True)
+    }
+    normal, contact = record.own_forces["normal_forces"], record.own_forces["contact_forces"]
+    units |= contact
+    contact_forces = tuple(contact) or forces.contact_forces
+    return replace(
+        own[0],
+        normal_forces=tuple(normal) or forces.normal_forces,
+        contact_forces=contact_forces,
+        multipliers=forces.multipliers,
+        multipliers_units=tuple(units[name] for name in forces.multipliers),
+        contact_forces_units=tuple(units[name] for name in contact_forces),
+        friction_used=record.contacts,
+        ground_poses=tuple(body.name for body in ground_bodies(record.reduced)),
+    )
+
+
+def _goals(reduced: ReducedModel, signals: dict[str, Array]) -> tuple[str, ...]:
+    """Names of the outputs with a goal at every sample, from the first one with a valid measurement on."""
+    given = np.concatenate([signals[name] for name in GOALS], axis=1)
+    first = int(np.argmax(~np.isnan(given).all(axis=1))) if len(given) else 0
+    stacks = ("x1_desired", reduced.vertical), ("x2_desired", reduced.reducing)
+    columns = [pair for desired, outputs in stacks for pair in zip(outputs.names, signals[desired].T, strict=True)]
+    return tuple(name for name, column in columns if not np.isnan(column[first:]).any())
+
+
+def _integrated(values: Array, rates: Array, time: Array) -> Array:
+    """First values plus the integral of the rates (N, k), by the trapezoidal rule."""
+    whole = np.empty_like(values)
+    whole[:1] = 0.0
+    for block in blocks(len(values) - 1, 4 * values.shape[1]):
+        after = slice(block.start + 1, block.stop + 1)
+        steps = 0.5 * np.diff(time[block.start : block.stop + 1])[:, None] * (rates[after] + rates[block])
+        steps[0] += whole[block.start]
+        np.cumsum(steps, axis=0, out=whole[after])
+    whole += values[:1]
+    return whole
+
+
+# ---------------------------------------------------------------------- forces, energy and residuals
+
+
+class _Forces(NamedTuple):
     """Names of the columns of forces.
 
     Attributes:
         multipliers, contact_forces: names of the kept rows and of all rows.
-        normal_forces: names of the contacts with a normal force.
+        normal_forces: names of the contacts with a normal force; empty if no model of the plant is known.
+        normal: normal forces of the models of the plant.
         switching: True if rows appear and vanish: they have zeros while they do not act.
     """
 
     multipliers: tuple[str, ...]
     contact_forces: tuple[str, ...]
     normal_forces: tuple[str, ...]
-    switching: bool = False
+    normal: dict[ReducedModel, NormalForces]
+    switching: bool
+
+    @classmethod
+    def of(cls, record: Record, switching: bool) -> _Forces:
+        """Columns of the controller's model, or of all models of a plant whose contacts switch."""
+        known = record.plant_models
+        models = list(dict.fromkeys([record.reduced, *known])) if switching else [record.reduced]
+        normal = {model: NormalForces(model) for model in dict.fromkeys([*models, *known] if known else [])}
+        return cls(
+            _union(model.constraints.names for model in models),
+            _union(model.all_constraints.names for model in models),
+            _union(normal[model].names for model in models if model in normal),
+            normal,
+            switching,
+        )
 
 
-class DerivedQuantities:
-    """Outputs of the controller's model, and forces and energy of the plant, along a run.
+def _union(names: Iterable[Sequence[str]]) -> tuple[str, ...]:
+    """All names once, in the order of their first."""
+    return tuple(dict.fromkeys(name for each in names for name in each))
 
-    Args:
-        reduced: model of the controller.
-        rows: columns of the forces. If they switch, residuals are those of the plant.
-        bodies: bodies that move on the ground.
-    """
 
-    def __init__(self, reduced: ReducedModel, rows: RowNames, bodies: Sequence[GroundBody]) -> None:
-        self._reduced, self._rows, self._bodies = reduced, rows, bodies
+def _quantities(record: Record, forces: _Forces, signals: dict[str, Array]) -> dict[str, Array]:
+    """Forces, energy and residuals along a run, (N, ...) each, in blocks of samples."""
+    reduced, kept, bodies = record.reduced, len(forces.multipliers), ground_bodies(record.reduced)
+    sizes = {
+        "F": (reduced.r,), "multipliers": (kept,), "contact_forces": (len(forces.contact_forces),),
+        "normal_forces": (len(forces.normal_forces),), "slip": (kept,), "energy": (), "constraint_residual": (),
+        "position_residual": (), "singular_value": (), "ground_poses": (3 * len(bodies),),
+    }  # fmt: skip
+    derived = {name: np.empty((record.count, *size)) for name, size in sizes.items()}
+    for start, end, plant in record.stretches():
+        for inner in blocks(end - start, _MATRICES * reduced.n**2):
+            block = slice(start + inner.start, start + inner.stop)
+            t, q, v, T = (signals[name][block] for name in ("time", "q", "v", "T"))
+            external = None if record.external is None else record.external[block]
+            seen = StateEvaluation.at(reduced.evaluator, q, v=v, t=t)
+            derived["F"][block] = _reduced_forces(reduced, seen, t, T)
+            derived["singular_value"][block] = seen.smallest_singular_value
+            derived["ground_poses"][block] = ground_poses(bodies, seen.position)
+            own = seen if plant is reduced else StateEvaluation.at(plant.evaluator, q, v=v, t=t)
+            derived["energy"][block] = own.energy
+            for name, values in _contact_quantities(forces, plant, own, T, external).items():
+                derived[name][block] = values
+            # Residuals are those of the controller's rows. Where the plant's rows come and go, those of its own.
+            at, rows = (own, plant) if forces.switching else (seen, reduced)
+            residual = at.residual
+            derived["slip"][block] = _by_name(forces.multipliers, rows.constraints.names, residual, 0.0)
+            derived["constraint_residual"][block] = np.abs(residual).max(axis=-1, initial=0.0)
+            derived["position_residual"][block] = np.abs(rows.assembly.residual(q, t)).max(axis=-1, initial=0.0)
+    return derived
 
-    def empty(self, samples: int) -> dict[str, Array]:
-        """Arrays of all quantities, without values."""
-        rows = self._rows
-        kept = len(rows.multipliers)
-        sizes = {
-            "F": (self._reduced.r,), "multipliers": (kept,), "contact_forces": (len(rows.contact_forces),),
-            "normal_forces": (len(rows.normal_forces),), "slip": (kept,), "energy": (), "constraint_residual": (),
-            "position_residual": (), "singular_value": (), "ground_poses": (3 * len(self._bodies),),
-        }  # fmt: skip
-        return {name: np.empty((samples, *size)) for name, size in sizes.items()}
 
-    def of(
-        self,
-        plant: ReducedModel,
-        normal: NormalForces | None,
-        t: Array,
-        q: Array,
-        v: Array,
-        T: Array,
-        external: Array | None,
-    ) -> dict[str, Array]:
-        """Return all quantities of a block of states and inputs, (N, ...) each.
+def _reduced_forces(reduced: ReducedModel, seen: StateEvaluation, t: Array, T: Array) -> Array:
+    """Reduced forces ``R^T B T`` (N, r) of inputs (N, p); NaN where outputs are singular."""
+    regular, F = seen.regular, np.full((len(T), reduced.r), np.nan)
+    if regular.any():
+        good = seen if regular.all() else reduced.at(seen.q[regular], v=seen.v[regular], t=t[regular])
+        F[regular] = apply_transposed(good.R, apply(good.B, T[regular]))
+    return F
 
-        Args:
-            plant: model of the plant.
-            normal: its normal forces; None without any.
-            t, q, v: times (N,), configurations (N, nq) and velocities (N, nv).
-            T: inputs (N, p).
-            external: generalized forces (N, nv) in addition to the inputs; None for zero.
-        """
-        reduced, rows = self._reduced, self._rows
-        seen = StateEvaluation.at(reduced.evaluator, q, v=v, t=t)
-        # Contact forces do not depend on the choice of outputs, nor on their singularities.
-        own = seen if plant is reduced else StateEvaluation.at(plant.evaluator, q, v=v, t=t)
-        moved = own.in_reduction(_free_evaluator(plant, tuple(best_entries(own.A[0], plant.r))))
-        regular = seen.regular
-        F = np.full((len(q), reduced.r), np.nan)
-        if regular.any():
-            good = seen if regular.all() else reduced.at(q[regular], v=v[regular], t=t[regular])
-            F[regular] = apply_transposed(good.R, apply(good.B, T[regular]))
-        multipliers, contact_forces = moved.multipliers(T, external), moved.contact_forces(T, external)
-        pushing = np.zeros((len(q), 0)) if normal is None else normal.at(moved, T, external)
-        kinematic, assembly = (own, plant.assembly) if rows.switching else (seen, reduced.assembly)
-        residual, kept, missing = kinematic.residual, plant.constraints.names, 0.0 if rows.switching else np.nan
-        return {
-            "F": F,
-            "multipliers": by_name(rows.multipliers, kept, multipliers, missing),
-            "contact_forces": by_name(rows.contact_forces, plant.all_constraints.names, contact_forces, missing),
-            "normal_forces": by_name(rows.normal_forces, () if normal is None else normal.names, pushing, missing),
-            "energy": np.asarray(own.energy),
-            "slip": by_name(rows.multipliers, kept, residual, missing) if rows.switching else residual,
-            "constraint_residual": np.abs(residual).max(axis=-1, initial=0.0),
-            "position_residual": np.abs(assembly.residual(q, t)).max(axis=-1, initial=0.0),
-            "singular_value": np.asarray(seen.smallest_singular_value),
-            "ground_poses": ground_poses(self._bodies, seen.position),
-        }
+
+def _contact_quantities(
+    forces: _Forces, plant: ReducedModel, own: StateEvaluation, T: Array, external: Array | None
+) -> dict[str, Array]:
+    """Forces of the rows and contacts of a plant, in the columns of the run; zero or NaN for rows that it has not."""
+    # Contact forces do not depend on the choice of outputs, nor on their singularities.
+    moved = own.in_reduction(_free_evaluator(plant, tuple(best_entries(own.A[0], plant.r))))
+    missing, pushing = 0.0 if forces.switching else np.nan, np.zeros((len(T), 0))
+    if forces.normal_forces:
+        normal = forces.normal[plant]
+        pushing = _by_name(forces.normal_forces, normal.names, normal.at(moved, T, external), missing)
+    kept, every = plant.constraints.names, plant.all_constraints.names
+    return {
+        "multipliers": _by_name(forces.multipliers, kept, moved.multipliers(T, external), missing),
+        "contact_forces": _by_name(forces.contact_forces, every, moved.contact_forces(T, external), missing),
+        "normal_forces": pushing,
+    }
 
 
 @once_per_model
@@ -138,7 +258,7 @@ def _free_evaluator(reduced: ReducedModel, entries: tuple[int, ...]) -> Evaluato
     return known[entries]
 
 
-def by_name(wanted: Sequence[str], known: Sequence[str], values: Array, missing: float) -> Array:
+def _by_name(wanted: Sequence[str], known: Sequence[str], values: Array, missing: float) -> Array:
     """Select columns of values (N, k) by name; those of unknown names have the value ``missing``."""
     if tuple(wanted) == tuple(known):
         return values

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,8 +17,10 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import ReducedPlant
 from rnc_pin.plants.constrained_dynamics import ConstrainedDynamics
+from rnc_pin.plants.plant import PlantReport
+from rnc_pin.simulation.derived_quantities import derive, versions
 from rnc_pin.simulation.record import Record
-from rnc_pin.simulation.run_info import provenance_of
+from rnc_pin.simulation.run_info import RunInfo, provenance_of
 from rnc_pin.simulation.sampled_run import assembled_start
 from rnc_pin.simulation.simulation_options import DEFAULT_OPTIONS, SimulationOptions
 from rnc_pin.simulation.stop import LiftOffMonitor, Progress, StopMonitor, complete_run
@@ -82,7 +85,7 @@ def free_motion(
         >>> bool(abs(run.v2[-1, 1]) < 0.01), bool(run.v2[-1, 0] > 0)  # rotation becomes straight motion
         (True, True)
     """
-    provenance, stop = provenance_of(options.meta), options.stop
+    stop, info = options.stop, RunInfo(dt=dt, versions=versions(), provenance=provenance_of(options.meta))
     if options.loop or options.observer is not None or options.controller_state is not None:
         raise ConfigurationError("free_motion has no controller: of the options, it takes stop and meta only")
     rtol, atol = (tolerance, tolerance) if isinstance(tolerance, int | float) else tolerance
@@ -134,8 +137,8 @@ def free_motion(
             T, external = inputs_at(float(t), state), dynamics.damping_force(state)
             if lift_off is not None:
                 lift_off.check(float(t), state, T, external)
-            record.moves(model, external)
-            record.add(float(t), state, integrals, Command(T=T), T, work)
+            report = PlantReport(work=work, reduced=model, external=external)
+            record.add(float(t), state, integrals, Command(T=T), T, report)
 
     def add_all(progress: Progress, pending: list[_Samples]) -> None:
         """Record samples at once if no feedback is called and none meets a stop condition."""
@@ -148,8 +151,8 @@ def free_motion(
             add(progress, samples)
             return
         progress.time = float(samples.times[-1])
-        record.moves(model, dynamics.damping_force(states))
-        record.extend(samples.times, states, samples.integrals, constant, samples.work)
+        times, _, _, integrals, work = samples
+        record.extend(times, states, integrals, constant, work, dynamics.damping_force(states))
 
     def advance(progress: Progress) -> None:
         progress.active_component = "the feedback" if feedback else "the model"
@@ -165,7 +168,9 @@ def free_motion(
         finally:
             add_all(progress, pending)  # an earlier stop replaces an error of the integration
 
-    return complete_run(advance, lambda outcome, message: record.finish(dt, provenance, outcome, message))
+    return complete_run(
+        advance, lambda outcome, message: derive(record, replace(info, outcome=outcome, message=message))
+    )
 
 
 def _dynamics(plant: ReducedModel | ReducedPlant) -> ConstrainedDynamics:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,15 +12,15 @@ import numpy as np
 from rnc_pin.analysis import NormalForces, first_lift_off
 from rnc_pin.array_shapes import Float, Int
 from rnc_pin.constraints.wheeled_base import SIDE_SLIP, missing_lateral_rows
-from rnc_pin.control.controller import LimitedAcceleration, MissedGoal
-from rnc_pin.errors import InputError, RncError, few
+from rnc_pin.control.controller import MissedGoal
+from rnc_pin.errors import ConfigurationError, InputError, RncError, few
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.simulation.derived_quantities import blocks
 from rnc_pin.simulation.limit_replay import ROUNDING, Clearance, FurtherLimits, LimitReplay, LimitUse, replay_limits
+from rnc_pin.simulation.record import blocks
+from rnc_pin.simulation.run_data import RunData
 from rnc_pin.simulation.run_info import FORCE_UNITS, Outcome
-from rnc_pin.simulation.trajectory import Trajectory
 from rnc_pin.verdict import MOSTLY, SHORTFALL, Finding, FindingKind, Severity, Verdict
 
 if TYPE_CHECKING:  # a run without friction of the ground starts without it
@@ -43,7 +42,7 @@ _SLIPS = 1.0 + 1e-3  # use of friction that is beyond the stated friction, and n
 
 
 def judge(
-    run: Trajectory,
+    run: RunData,
     replay: LimitReplay | None = None,
     *,
     goal_errors: Mapping[str, float] | None = None,
@@ -98,7 +97,7 @@ def _graded(fails: bool) -> Severity:
     return Severity.FAILS if fails else Severity.DEGRADES
 
 
-def _late(run: Trajectory) -> Finding | None:
+def _late(run: RunData) -> Finding | None:
     """Note of samples that took longer to compute than the sampling period."""
     late = run.info.late
     if late is None:
@@ -107,7 +106,7 @@ def _late(run: Trajectory) -> Finding | None:
     return Finding(FindingKind.LATE, "control loop", share, "", late.first, severity, str(late))
 
 
-def _end(run: Trajectory) -> Iterator[Finding]:
+def _end(run: RunData) -> Iterator[Finding]:
     """Finding of a run that did not reach its end."""
     if run.outcome is Outcome.COMPLETED:
         return
@@ -117,7 +116,7 @@ def _end(run: Trajectory) -> Iterator[Finding]:
     yield Finding(kind, str(run.outcome), time, "s", time, Severity.FAILS, message)
 
 
-def _finite(run: Trajectory) -> Iterator[Finding]:
+def _finite(run: RunData) -> Iterator[Finding]:
     """Findings of states and inputs that are not numbers."""
     for name, values in (("q", run.q), ("v", run.v), ("T", run.T)):
         wrong = ~np.isfinite(values).all(axis=1)
@@ -127,7 +126,7 @@ def _finite(run: Trajectory) -> Iterator[Finding]:
             yield Finding(FindingKind.NOT_FINITE, name, count, "", time, Severity.FAILS, message)
 
 
-def _fallback(run: Trajectory) -> Iterator[Finding]:
+def _fallback(run: RunData) -> Iterator[Finding]:
     """Finding of fallback commands: it fails if they last to the end, or for most of the run."""
     used = run.info.fallback
     if used is None:
@@ -142,7 +141,7 @@ def _fallback(run: Trajectory) -> Iterator[Finding]:
     yield Finding(FindingKind.FALLBACK, "control loop", share, "", used.first, _graded(fails), message)
 
 
-def _integration(run: Trajectory) -> Iterator[Finding]:
+def _integration(run: RunData) -> Iterator[Finding]:
     """Finding of an integration that is less accurate than its tolerance."""
     found = run.info.integration
     if found is None or found.is_kept:
@@ -155,7 +154,7 @@ def _integration(run: Trajectory) -> Iterator[Finding]:
     yield Finding(FindingKind.INTEGRATION, "plant", found.rate, "1/s", None, severity, message)
 
 
-def _goals(run: Trajectory, errors: Mapping[str, float], tolerance: float) -> Iterator[Finding]:
+def _goals(run: RunData, errors: Mapping[str, float], tolerance: float) -> Iterator[Finding]:
     for name, error in errors.items():
         if not error <= tolerance:
             message = f"the goal of {name} is missed by {error:.3g}, allowed is {tolerance:g}"
@@ -169,7 +168,7 @@ def _exceeded(use: LimitUse) -> Finding:
     return Finding(FindingKind(use.kind), use.name, amount, "", use.time, Severity.FAILS, str(use))
 
 
-def _contacts(run: Trajectory, grip: Grip | None, reduced: ReducedModel | None) -> Iterator[Finding]:
+def _contacts(run: RunData, grip: Grip | None, reduced: ReducedModel | None) -> Iterator[Finding]:
     """Findings of contacts that pull, that need more friction than is stated, or that slide at its limit."""
     names, inside = run.info.outputs.normal_forces, []
     normal = grip.normal if grip is not None else None if reduced is None or not names else NormalForces(reduced)
@@ -223,7 +222,7 @@ def _beyond(times: Float[np.ndarray, " N"], contact: str, used: Float[np.ndarray
     return Finding(FindingKind.SLIP, contact, need, "", time, Severity.FAILS, message)
 
 
-def _slips(run: Trajectory) -> Iterator[Finding]:
+def _slips(run: RunData) -> Iterator[Finding]:
     """Findings of contacts at the limit of their friction, where a plant lets them slide, and of rows that slip."""
     used, slip = np.nan_to_num(run.friction_used), np.abs(np.nan_to_num(run.slip))
     slides = np.where(np.isnan(run.slip_speed), used > _AT_LIMIT, run.slip_speed > _CREEP)
@@ -248,7 +247,7 @@ def _slips(run: Trajectory) -> Iterator[Finding]:
             yield Finding(FindingKind.SLIP, name, speed, unit, time, Severity.DEGRADES, message)
 
 
-def _side_slips(run: Trajectory, reduced: ReducedModel) -> Iterator[Finding]:
+def _side_slips(run: RunData, reduced: ReducedModel) -> Iterator[Finding]:
     """Findings of steered wheels without a lateral row that slide sideways: they are not aimed.
 
     More than 0.01 m/s at some time degrades a run, and more than 0.05 m in all fails it.
@@ -270,7 +269,7 @@ def _side_slips(run: Trajectory, reduced: ReducedModel) -> Iterator[Finding]:
             yield Finding(FindingKind.SLIP, wheel, float(speed[most]), "m/s", time, _graded(way > _SLID), message)
 
 
-def _saturation(run: Trajectory, replay: LimitReplay) -> Iterator[Finding]:
+def _saturation(run: RunData, replay: LimitReplay) -> Iterator[Finding]:
     """Findings of actuators that are at their bound for a large part of the run."""
     limits = {use.name: use.limit for use in replay.uses if use.kind == "effort" and use.limit > 0}
     for column, name in enumerate(run.info.outputs.T):
@@ -285,7 +284,7 @@ def _saturation(run: Trajectory, replay: LimitReplay) -> Iterator[Finding]:
             yield Finding(FindingKind.SATURATION, name, share, "", time, Severity.DEGRADES, message)
 
 
-def _reversals(run: Trajectory, replay: LimitReplay) -> Iterator[Finding]:
+def _reversals(run: RunData, replay: LimitReplay) -> Iterator[Finding]:
     """Finding of inputs and joint velocities that reverse three times in a row: four changes of alternating sign.
 
     The size of such a reversal is the smallest of its four changes, as a share of the limit.
@@ -318,32 +317,31 @@ def _reversals(run: Trajectory, replay: LimitReplay) -> Iterator[Finding]:
         yield Finding(FindingKind.REVERSAL, name, float(largest.max()), "", first, severity, message)
 
 
-def judged_by(
-    run: Trajectory,
-    reduced: ReducedModel,
-    accelerations: Sequence[LimitedAcceleration] = (),
-    missed: Sequence[MissedGoal] = (),
-) -> Trajectory:
-    """Return a run whose verdict follows at its first use from its samples, from limits and from missed goals.
+def verdict_of(run: RunData) -> Verdict:
+    """Verdict of a run: the one it has, else by its grounds, with the limits and links of the robot's file.
 
     Args:
         run: the run.
-        reduced: its model, with the limits of the robot's file and of actuators.
-        accelerations: limits of accelerations, as of ``FurtherLimits``.
-        missed: goals of the controller that the run has missed at its end.
+
+    Raises:
+        ConfigurationError: the run is from a file, and nothing could judge it before it was saved.
     """
-    further = FurtherLimits(accelerations, reduced.actuation.stated_limits)
-    return run.judged_later(partial(_judged, reduced, further, missed))
-
-
-def _judged(reduced: ReducedModel, further: FurtherLimits, missed: Sequence[MissedGoal], run: Trajectory) -> Verdict:
+    if run.info.verdict is not None:
+        return run.info.verdict
+    if run.grounds is None:
+        raise ConfigurationError(
+            "the run was saved before it was judged: call rnc.simulation.judge(run, "
+            "rnc.simulation.replay_limits(robot, run))"
+        )
     if not len(run.time):
         return judge(run)
+    reduced, accelerations, missed = run.grounds
+    further = FurtherLimits(accelerations, reduced.actuation.stated_limits)
     replay = replay_limits(reduced.robot, run, exact=0.0, further=further)
     return judge(run, replay, reduced=reduced, more=missed_goal_findings(run, missed))
 
 
-def missed_goal_findings(run: Trajectory, missed: Sequence[MissedGoal]) -> list[Finding]:
+def missed_goal_findings(run: RunData, missed: Sequence[MissedGoal]) -> list[Finding]:
     """Findings of goals that the controller of a run has missed at its end.
 
     Args:

@@ -15,7 +15,7 @@ from rnc_pin.errors import InputError
 from rnc_pin.printing import printed
 from rnc_pin.robots.joint_values import NO_LIMIT
 from rnc_pin.robots.robot import Robot
-from rnc_pin.simulation.trajectory import Trajectory
+from rnc_pin.simulation.run_data import RunData
 
 ROUNDING = 1e-9
 """Largest excess over a limit that counts as rounding, as a share of its range."""
@@ -178,7 +178,7 @@ _NO_LIMITS = FurtherLimits()
 
 def replay_limits(
     robot: Robot,
-    trajectory: Trajectory,
+    trajectory: RunData,
     obstacles: Sequence[collision.Obstacle] = (),
     selection: collision.PairSelection | None = None,
     step: float = 0.0,
@@ -281,7 +281,7 @@ _Use = tuple[LimitUse, np.ndarray]
 """Use of a limit, and its excess (N,) over time."""
 
 
-def _positions(robot: Robot, run: Trajectory) -> list[_Use]:
+def _positions(robot: Robot, run: RunData) -> list[_Use]:
     model, uses = robot.model, []
     for name, joint in zip(robot.joint_names, list(model.joints)[1:], strict=True):
         if joint.nq != joint.nv:
@@ -299,7 +299,7 @@ def _positions(robot: Robot, run: Trajectory) -> list[_Use]:
     return uses
 
 
-def _rates(robot: Robot, run: Trajectory) -> list[_Use]:
+def _rates(robot: Robot, run: RunData) -> list[_Use]:
     limits = robot.model.upperVelocityLimit
     return [
         _symmetric("velocity", name, run.time, run.v[:, k], float(limits[k]))
@@ -308,7 +308,7 @@ def _rates(robot: Robot, run: Trajectory) -> list[_Use]:
     ]
 
 
-def _efforts(robot: Robot, run: Trajectory, others: Mapping[str, float]) -> list[_Use]:
+def _efforts(robot: Robot, run: RunData, others: Mapping[str, float]) -> list[_Use]:
     """Use of the effort limits of driven joints, and of other actuators with stated limits.
 
     A limit of zero holds where the file states another effort for some joint: nothing can drive this one. Zeros are
@@ -330,7 +330,7 @@ def _efforts(robot: Robot, run: Trajectory, others: Mapping[str, float]) -> list
     return uses
 
 
-def _accelerations(run: Trajectory, limits: Sequence[LimitedAcceleration]) -> list[_Use]:
+def _accelerations(run: RunData, limits: Sequence[LimitedAcceleration]) -> list[_Use]:
     """Use of limits of acceleration, each at the sample before the change of velocity."""
     if len(run.time) < 2:
         return []

@@ -1,31 +1,47 @@
-"""Signals and metadata of a run, and the file that holds them."""
+"""Record of a run: its signals and metadata, and the file that holds them."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from contextlib import suppress
-from dataclasses import dataclass, fields, replace
-from itertools import chain, zip_longest
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float, Int
-from rnc_pin.errors import ConfigurationError, RncError
-from rnc_pin.io.json import Json, atomic_file, dump_json
+from rnc_pin.control.controller import LimitedAcceleration, MissedGoal
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.io.json import Json
 from rnc_pin.io.safe_npz import ArchiveError, read_npz
 from rnc_pin.model.coordinates import Coordinates
-from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin
+from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.simulation.run_info import Outcome, OutputNames, RunInfo
 from rnc_pin.verdict import Verdict
 
 
+class Grounds(NamedTuple):
+    """Grounds of the verdict about a run, besides its samples. They are in no file.
+
+    Attributes:
+        reduced: model of the run, with the limits of the robot's file and of actuators.
+        accelerations: limits of accelerations that the controller keeps.
+        missed: goals of the controller that the run has missed at its end.
+    """
+
+    reduced: ReducedModel
+    accelerations: tuple[LimitedAcceleration, ...] = ()
+    missed: tuple[MissedGoal, ...] = ()
+
+
 @dataclass(frozen=True, repr=False)
-class RunData(SummaryMixin):
-    """Signals of a run sampled at N times, and their file. ``Trajectory`` is a run that plots and exports itself."""
+class RunData:
+    """Record of a run sampled at N times: what happened, and nothing that judges or draws it.
+
+    ``derive`` makes it from samples, ``judge``, ``summarize``, ``plot_run`` and ``export_run`` are functions of it, and
+    ``Trajectory`` has them as methods. It never changes.
+    """
 
     time: Float[Array, " N"]
     """Time [s]."""
@@ -93,43 +109,21 @@ class RunData(SummaryMixin):
     info: RunInfo
     """Names, units, scenario, versions, seed, outcome."""
 
-    def judged_later(self, judge: Callable[[Self], Verdict]) -> Self:
-        """Return this run, whose verdict is computed at its first use.
-
-        Args:
-            judge: function from this run to its verdict.
-        """
-        vars(self)["_judge"] = judge
-        return self
+    grounds: Grounds | None = field(default=None, repr=False, compare=False)
+    """What else the run is judged by; None for a run from a file, which has none."""
 
     @property
-    def verdict(self) -> Verdict:
-        """Findings about the run: it succeeded only if none fails. Computed at its first use.
+    def arrays(self) -> dict[str, Array]:
+        """All arrays by name, as in the file."""
+        return {name: getattr(self, name) for name in _ARRAYS}
 
-        Runs of ``simulate`` and ``free_motion`` are judged by the limits of the robot's file, by distances between its
-        links, by contacts and by the commands of the loop. Runs of scenarios are also judged by their goals and
-        obstacles. ``save`` writes it too.
-
-        Raises:
-            ConfigurationError: the run is from a file, and nothing could judge it before it was saved.
-        """
-        if self.info.verdict is None:
-            if "_judge" not in vars(self):
-                raise ConfigurationError(
-                    "the run was saved before it was judged: call rnc.simulation.judge(run, "
-                    "rnc.simulation.replay_limits(robot, run))"
-                )
-            self.keep_verdict(vars(self)["_judge"](self))
-        assert self.info.verdict is not None
-        return self.info.verdict
-
-    def keep_verdict(self, verdict: Verdict) -> None:
-        """Let this run have a verdict, which ``save`` writes.
+    def with_verdict(self, verdict: Verdict) -> Self:
+        """Return this run with a verdict, which ``save`` writes.
 
         Args:
             verdict: findings about the run.
         """
-        vars(self)["info"] = replace(self.info, verdict=verdict)
+        return replace(self, info=replace(self.info, verdict=verdict))
 
     @property
     def meta(self) -> dict[str, Json]:
@@ -153,15 +147,6 @@ class RunData(SummaryMixin):
         """Coordinate types of the outputs of a kind, "x1" or "x2": angles and rotation vectors."""
         return self.info.outputs.of(kind).coordinates
 
-    def save(self, path: str | Path) -> None:
-        """Write a ``.npz`` file with the verdict, for ``load``. An error leaves no partial file."""
-        path = Path(path)
-        with suppress(RncError):  # samples that nothing can judge are kept too
-            _ = self.verdict  # in the file, because it cannot be judged without the robot
-        arrays = {name: getattr(self, name) for name in _array_names()}
-        with atomic_file(path) as partial, partial.open("wb") as file:
-            np.savez(file, **arrays, meta=np.array(dump_json(self.meta)))
-
     @classmethod
     def load(cls, path: str | Path, largest: int | None = None) -> Self:
         """Read a file of ``save``.
@@ -174,7 +159,7 @@ class RunData(SummaryMixin):
             ConfigurationError: the file does not exist, is not a trajectory, or is too large.
         """
         path = Path(path)
-        names = [*_array_names(), "meta"]
+        names = [*_ARRAYS, "meta"]
         try:
             arrays = read_npz(path, names, text=["meta"], largest=largest)
             missing = [name for name in names if name not in arrays]
@@ -182,7 +167,7 @@ class RunData(SummaryMixin):
                 raise ConfigurationError(f"it has no '{missing[0]}'")
             info = RunInfo.from_json(json.loads(str(arrays.pop("meta"))))
             _check(arrays, info.outputs)
-            return cls(**arrays, info=info)
+            return cls(info=info, grounds=None, **arrays)
         except FileNotFoundError:
             raise ConfigurationError(f"no file '{path}'") from None
         except json.JSONDecodeError as error:
@@ -191,33 +176,6 @@ class RunData(SummaryMixin):
             raise ConfigurationError(f"{path}: not a trajectory: {error}") from None
         except (MemoryError, RecursionError, ValueError):  # invalid content or encoding of ``meta``
             raise ConfigurationError(f"{path}: not a trajectory: 'meta' cannot be read") from None
-
-    def _summary(self) -> ObjectSummary:
-        duration = self.time[-1] if len(self.time) else 0.0
-        scenario, message, outputs = self.info.provenance.scenario, self.info.message, self.info.outputs
-        of, verdict = f" of '{scenario}'" if scenario else "", str(self.outcome)
-        with suppress(RncError):  # samples that nothing can judge print their outcome
-            verdict = self.verdict.headline
-        title = f"Trajectory{of}: {verdict}, {duration:g} s in {len(self.time)} samples"
-        lines: list[Line] = [("run", [Item(f"{self.outcome}, {duration:g} s in {len(self.time)} samples")])]
-        lines += [("message", [Item(message)])] if message else []
-        if not len(self.time):
-            return ObjectSummary(title, lines)
-        both = outputs.x2, outputs.x1
-        names, units = (tuple(chain.from_iterable(each)) for each in ([x.names for x in both], [x.units for x in both]))
-        values = {
-            "outputs at the end": zip_longest(names, (*self.x2[-1], *self.x1[-1]), units, fillvalue=""),
-            "largest input": zip_longest(outputs.T, np.abs(self.T).max(axis=0), outputs.T_units, fillvalue=""),
-            "checks": (
-                ("constraint residual, largest", self.constraint_residual.max(), ""),
-                ("singular value of E, smallest", self.singular_value.min(), ""),
-            ),
-        }
-        said = [
-            (label, [Item(name, f"{x:.4g} {unit}".rstrip()) for name, x, unit in rows])
-            for label, rows in values.items()
-        ]
-        return ObjectSummary(title, [*lines, *(line for line in said if line[1])])
 
 
 def tracking_errors(trajectory: RunData) -> dict[str, np.ndarray]:
@@ -232,8 +190,7 @@ def tracking_errors(trajectory: RunData) -> dict[str, np.ndarray]:
     return errors
 
 
-def _array_names() -> list[str]:
-    return [each.name for each in fields(RunData) if each.name != "info"]
+_ARRAYS = tuple(each.name for each in fields(RunData) if each.name not in ("info", "grounds"))
 
 
 def _check(arrays: dict[str, np.ndarray], outputs: OutputNames) -> None:

@@ -10,7 +10,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.control.controller import Command, VelocityGiving, findings_of, limited_accelerations, missed_goals
 from rnc_pin.control.loop import ControlLoop, LoopOptions, LoopState, VelocityInputLoop
-from rnc_pin.control.loop.loop_state import with_late_tick
+from rnc_pin.control.loop.loop_state import LateTicks, with_late_tick
 from rnc_pin.control.loop.options import admit_controller, admit_model, type_name
 from rnc_pin.errors import ConfigurationError, DivergenceError, InputError
 from rnc_pin.model.evaluation_results import Measurement
@@ -22,8 +22,9 @@ from rnc_pin.plants.constrained_dynamics import integrated_outputs
 from rnc_pin.plants.plant import PlantReport, ReportingPlant, takes_velocities
 from rnc_pin.plants.step_control import IntegrationErrors
 from rnc_pin.simulation import run_info
-from rnc_pin.simulation.judgement import judged_by
+from rnc_pin.simulation.derived_quantities import derive, versions
 from rnc_pin.simulation.record import Record
+from rnc_pin.simulation.run_data import Grounds
 from rnc_pin.simulation.simulation_options import RunArguments, Sample, SimulationOptions
 from rnc_pin.simulation.stop import MODEL, LiftOffMonitor, Progress, StopMonitor
 from rnc_pin.simulation.trajectory import Trajectory
@@ -101,31 +102,6 @@ class PlantAdapter:
         loop.report_applied_input(applied)
         return applied
 
-    def phases(self, dt: float) -> tuple[run_info.PhaseInfo, ...]:
-        """Intervals between the contact events of the plant for a sampling period; empty if contacts do not switch."""
-        events = self.report().contact_events
-        ends = [*(event.cause for event in events[1:]), None]
-        return tuple(
-            run_info.PhaseInfo(
-                " + ".join(event.closed) or "flight",
-                int(np.ceil(event.time / dt - _ROUNDING)),
-                event.time,
-                dict(event.impulses),
-                event.energy_loss,
-                end,
-            )
-            for event, end in zip(events, ends[: len(events)], strict=True)
-        )
-
-    @property
-    def sensed(self) -> tuple[Array, ...]:
-        """Measured velocities, use of the friction limits, and forces of the plant; empty if it states none of them."""
-        if self._exact is not None:
-            return ()
-        found = self.reported
-        kinds = found.friction_used, found.slip_speed, found.normal_forces, found.contact_forces
-        return self.measured[1], *(np.array([*each.values()]) for each in kinds)
-
 
 class SampledRun:
     """Run whose samples somebody else calls: a loop over a duration, or one that follows a clock.
@@ -148,14 +124,18 @@ class SampledRun:
         check_arguments(arguments)
         reduced, controller, q0, dt, samples, v2_0, plant, options = arguments
         self.controller = controller
-        self._provenance, self._observer = run_info.provenance_of(options.meta), options.observer
+        origin = run_info.provenance_of(options.meta)
+        # What could not be found is an error before the run, and loses no results.
+        self._info, self._observer = run_info.RunInfo(dt=dt, versions=versions(), provenance=origin), options.observer
         self._adapter = adapter = PlantAdapter(ReducedPlant(reduced) if plant is None else plant, reduced)
         loop_options: LoopOptions = {**adapter.loop_options, "max_speed": options.stop.speed, **options.loop}
         kind = VelocityInputLoop if takes_velocities(plant) else ControlLoop
         self.loop: ControlLoop = kind(reduced, controller, dt, **loop_options)
         self.stop, self._dt, self.samples = StopMonitor(options.stop, reduced.robot), dt, 0
         self._zeros = zeros = np.zeros(reduced.r)
-        self._stretch, self._longest = 0, 0  # samples with a fallback command: now, and the most of those that ended
+        self._fallbacks: list[int] = []  # numbers of the samples with a fallback command
+        self._fallback_reason = ""
+        self._late: LateTicks | None = None
         self._reduced, self._accelerations = reduced, limited_accelerations(controller)
         first = reduced.at(assembled_start(reduced, numbers_of(q0, "q0")), zeros if v2_0 is None else v2_0, t=0.0)
         adapter.reset(first)
@@ -164,10 +144,7 @@ class SampledRun:
         if state is None:
             state = controller.initial_state(adapter.read_state(0.0).measure(zeros))
         self.loop.resume(LoopState(begin=0.0, controller=state))
-        found = adapter.reported
-        self.record = Record(reduced, samples, integrated_outputs(reduced), tuple(found.friction_used))
-        normal = dict.fromkeys(found.normal_forces, "N")
-        self.record.own_force_units = {"normal_forces": normal, "contact_forces": dict(found.contact_force_units)}
+        self.record = Record(reduced, samples, integrated_outputs(reduced), adapter.reported)
 
     @property
     def plant(self) -> Plant:
@@ -200,9 +177,11 @@ class SampledRun:
             raise
         if perf_counter() - wall > self._dt:  # thread time, without other work of the computer, is never longer
             spent = thread_time() - begin
-            self.record.late = with_late_tick(self.record.late, t, spent, self._dt)
+            self._late = with_late_tick(self._late, t, spent, self._dt)
         T = adapter.apply(loop, T)
-        self._count_fallback(t, loop.state.fault)
+        if loop.state.fault is not None:
+            self._fallback_reason = self._fallback_reason or loop.state.fault
+            self._fallbacks.append(self.samples)
         if self._lift_off is not None:
             self._lift_off.check(t, state, T, adapter.reported.external)
         integrals = loop.state.integrals if loop.state.integrals is not None else self._zeros
@@ -215,25 +194,12 @@ class SampledRun:
             progress.active_component = MODEL
         return found
 
-    def _count_fallback(self, t: float, reason: str | None) -> None:
-        """Record that the command of this sample is a fallback; the reason is None if it is not."""
-        if reason is None:
-            if self._stretch:
-                self._longest, self._stretch = max(self._longest, self._stretch), 0
-            return
-        self._stretch += 1
-        before = self.record.fallback
-        first = run_info.FallbackUse(0, t, reason, False) if before is None else before
-        self.record.fallback = replace(first, samples=first.samples + 1)
-
     def _add(self, t: float, state: StateEvaluation, T: Array, integrals: Array) -> tuple[Measurement, Command]:
         """Record a state with the last measurement and command of the loop, and return these."""
         adapter = self._adapter
         measurement, command = _last_decision(self.loop, state)
-        report = adapter.reported
-        self.record.moves(report.reduced, report.external)
         outputs = (measurement.x1, measurement.x2) if measurement.q is state.q else None  # not of a sensor's state
-        self.record.add(t, state, integrals, command, T, report.work, outputs, adapter.sensed)
+        self.record.add(t, state, integrals, command, T, adapter.reported, outputs, adapter.measured[1])
         return measurement, command
 
     def advance(self) -> None:
@@ -253,14 +219,6 @@ class SampledRun:
                 self.advance()
         return self.failure
 
-    def integration(self) -> run_info.IntegrationAccuracy | None:
-        """Estimated errors of the integration since the start; None if the plant does not estimate them."""
-        report = self._adapter.report()
-        if (errors := report.errors) is None:
-            return None
-        rate, total, most = float(errors.rate), float(errors.total), int(errors.most)
-        return run_info.IntegrationAccuracy(report.tolerance, rate, total, most, max(int(errors.enough), most))
-
     @property
     def failure(self) -> str | None:
         """Reason why the loop only gives safe commands; None if it works."""
@@ -268,18 +226,63 @@ class SampledRun:
         return f"the loop gave the safe command until the end: {state.fault}" if state.failed else None
 
     def finish(self, outcome: run_info.Outcome, message: str | None = None) -> Trajectory:
-        """Return the trajectory so far."""
-        self.record.phases = self._adapter.phases(self._dt)
-        if self.record.fallback is not None:
-            lasts = self._stretch * self._dt > self.loop.timeout or self._stretch > self._longest
-            self.record.fallback = replace(self.record.fallback, at_the_end=lasts or self.loop.state.failed)
-        if self.record.late is not None:
-            self.record.late = self.record.late._replace(ticks=self.samples) if self.record.late.late else None
-        self.record.integration = self.integration()
-        self.record.findings = findings_of(self.controller, self.loop.state.controller, self.samples)
-        run = self.record.finish(self._dt, self._provenance, outcome, message)
+        """Return the trajectory so far.
+
+        Args:
+            outcome: outcome of the run.
+            message: reason of an early end, if any.
+        """
+        report, own, late = self._adapter.report(), self.loop.state.controller, self._late
+        info = replace(
+            self._info,
+            outcome=outcome,
+            message=message,
+            phases=_phases(report, self._dt),
+            fallback=self._fallback_use(),
+            findings=findings_of(self.controller, own, self.samples),
+            integration=_integration(report),
+            late=late._replace(ticks=self.samples) if late is not None and late.late else None,
+        )
+        run = derive(self.record, info)
         missed = missed_goals(self.controller, run.q[-1], run.v2[-1]) if len(run.time) else ()
-        return judged_by(run, self._reduced, self._accelerations, missed)
+        return replace(run, grounds=Grounds(self._reduced, self._accelerations, tuple(missed)))
+
+    def _fallback_use(self) -> run_info.FallbackUse | None:
+        """Use of fallback commands so far."""
+        if not self._fallbacks:
+            return None
+        samples = np.array(self._fallbacks)
+        lengths = [len(each) for each in np.split(samples, np.flatnonzero(np.diff(samples) > 1) + 1)]
+        # A sample that ended with an error is not counted as taken.
+        last = lengths.pop() if samples[-1] >= self.samples - 1 else 0
+        lasts = last * self._dt > self.loop.timeout or last > max(lengths, default=0)
+        first = float(samples[0] * self._dt)
+        return run_info.FallbackUse(len(samples), first, self._fallback_reason, lasts or self.loop.state.failed)
+
+
+def _phases(report: PlantReport, dt: float) -> tuple[run_info.PhaseInfo, ...]:
+    """Intervals between the contact events of a plant for a sampling period; empty if contacts do not switch."""
+    events = report.contact_events
+    ends = [*(event.cause for event in events[1:]), None]
+    return tuple(
+        run_info.PhaseInfo(
+            " + ".join(event.closed) or "flight",
+            int(np.ceil(event.time / dt - _ROUNDING)),
+            event.time,
+            dict(event.impulses),
+            event.energy_loss,
+            end,
+        )
+        for event, end in zip(events, ends[: len(events)], strict=True)
+    )
+
+
+def _integration(report: PlantReport) -> run_info.IntegrationAccuracy | None:
+    """Estimated errors of the integration since the start; None if the plant does not estimate them."""
+    if (errors := report.errors) is None:
+        return None
+    rate, total, most = float(errors.rate), float(errors.total), int(errors.most)
+    return run_info.IntegrationAccuracy(report.tolerance, rate, total, most, max(int(errors.enough), most))
 
 
 def _blamed(error: DivergenceError, errors: IntegrationErrors | None, v: Array) -> DivergenceError:

@@ -13,9 +13,8 @@ from rnc_pin.analysis import first_lift_off
 from rnc_pin.io.json import Json
 from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin, described
 from rnc_pin.simulation.limit_replay import LIMIT_KINDS, Clearance, LimitReplay
-from rnc_pin.simulation.run_data import tracking_errors
+from rnc_pin.simulation.run_data import RunData, tracking_errors
 from rnc_pin.simulation.run_info import OutputNames
-from rnc_pin.simulation.trajectory import Trajectory
 from rnc_pin.verdict import Verdict
 
 _CONSTANT = 1e-6  # range of the energy, relative to its size, that counts as the error of the integration
@@ -115,7 +114,7 @@ class Summary(Compared):
     files: NotRequired[list[str]]
 
 
-def summarize(trajectory: Trajectory, wall_time: float | None = None) -> Summary:
+def summarize(trajectory: RunData, wall_time: float | None = None) -> Summary:
     """Errors and invariants of a run.
 
     Args:
@@ -262,7 +261,7 @@ def _drift(balance: np.ndarray, energy: np.ndarray) -> float | None:
     return float(np.abs(balance - balance[0]).max() / max(scale, 1e-12))
 
 
-def _add_learning(summary: Summary, trajectory: Trajectory) -> None:
+def _add_learning(summary: Summary, trajectory: RunData) -> None:
     late = trajectory.time >= 0.5 * trajectory.time[-1]
     summary["final_estimates"] = trajectory.estimates[-1].tolist()
     summary["late_prediction_error_rms"] = float(np.sqrt(np.mean(trajectory.prediction_error[late] ** 2)))

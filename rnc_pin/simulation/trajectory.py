@@ -1,12 +1,24 @@
-"""Result of a run: its signals, figures, and tables for other programs."""
+"""Result of a run: its record with its verdict, its file, figures, and tables for other programs."""
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from functools import cached_property
+from itertools import chain, zip_longest
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+
+from rnc_pin.errors import ConfigurationError, InputError, RncError, nearest
+from rnc_pin.io.json import atomic_file, dump_json
+from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin
 from rnc_pin.simulation.run_data import RunData
+from rnc_pin.simulation.run_info import FORCE_UNITS, OutputNames, RunInfo
+from rnc_pin.verdict import Verdict
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -14,19 +26,7 @@ if TYPE_CHECKING:
     from rnc_pin.figures import Size
 
 
-import csv
-import io
-from dataclasses import fields
-from typing import NamedTuple
-
-import numpy as np
-
-from rnc_pin.errors import ConfigurationError, InputError, nearest
-from rnc_pin.io.json import atomic_file
-from rnc_pin.simulation.run_info import FORCE_UNITS, OutputNames, RunInfo
-
-
-class Trajectory(RunData):
+class Trajectory(RunData, SummaryMixin):
     """Run sampled at N times, with the same arrays as the file of ``save``.
 
     Example:
@@ -40,6 +40,30 @@ class Trajectory(RunData):
         >>> bool(np.ptp(run.energy) < 1e-9 * run.energy[0])  # no input, so energy is constant
         True
     """
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """Findings about the run: it succeeded only if none fails. Computed at its first use.
+
+        Runs of ``simulate`` and ``free_motion`` are judged by the limits of the robot's file, by distances between its
+        links, by contacts and by the commands of the loop. Runs of scenarios are also judged by their goals and
+        obstacles. ``save`` writes it too.
+
+        Raises:
+            ConfigurationError: the run is from a file, and nothing could judge it before it was saved.
+        """
+        from rnc_pin.simulation.judgement import verdict_of  # a run alone starts without it
+
+        return verdict_of(self)
+
+    def save(self, path: str | Path) -> None:
+        """Write a ``.npz`` file with the verdict, for ``load``. An error leaves no partial file."""
+        path = Path(path)
+        run: RunData = self
+        with suppress(RncError):  # samples that nothing can judge are kept too
+            run = self.with_verdict(self.verdict)  # in the file, because it cannot be judged without the robot
+        with atomic_file(path) as partial, partial.open("wb") as file:
+            np.savez(file, allow_pickle=False, meta=np.array(dump_json(run.meta)), **run.arrays)
 
     def plot(
         self,
@@ -94,9 +118,34 @@ class Trajectory(RunData):
             ConfigurationError: the file has another ending.
             InputError: unknown array.
         """
-        from rnc_pin.simulation.trajectory import export_run
-
         export_run(self, file, arrays)
+
+    def _summary(self) -> ObjectSummary:
+        duration = self.time[-1] if len(self.time) else 0.0
+        scenario, message, outputs = self.info.provenance.scenario, self.info.message, self.info.outputs
+        of, verdict = f" of '{scenario}'" if scenario else "", str(self.outcome)
+        with suppress(RncError):  # samples that nothing can judge print their outcome
+            verdict = self.verdict.headline
+        title = f"Trajectory{of}: {verdict}, {duration:g} s in {len(self.time)} samples"
+        lines: list[Line] = [("run", [Item(f"{self.outcome}, {duration:g} s in {len(self.time)} samples")])]
+        lines += [("message", [Item(message)])] if message else []
+        if not len(self.time):
+            return ObjectSummary(title, lines)
+        both = outputs.x2, outputs.x1
+        names, units = (tuple(chain.from_iterable(each)) for each in ([x.names for x in both], [x.units for x in both]))
+        values = {
+            "outputs at the end": zip_longest(names, (*self.x2[-1], *self.x1[-1]), units, fillvalue=""),
+            "largest input": zip_longest(outputs.T, np.abs(self.T).max(axis=0), outputs.T_units, fillvalue=""),
+            "checks": (
+                ("constraint residual, largest", self.constraint_residual.max(), ""),
+                ("singular value of E, smallest", self.singular_value.min(), ""),
+            ),
+        }
+        said = [
+            (label, [Item(name, f"{x:.4g} {unit}".rstrip()) for name, x, unit in rows])
+            for label, rows in values.items()
+        ]
+        return ObjectSummary(title, [*lines, *(line for line in said if line[1])])
 
 
 class Column(NamedTuple):
@@ -123,7 +172,7 @@ def export_run(run: RunData, path: str | Path, arrays: Sequence[str] | None = No
     path = Path(path)
     if path.suffix != ".csv":
         raise ConfigurationError(f"{path}: expected a name that ends in .csv")
-    known = [each.name for each in fields(run) if each.name != "info"]
+    known = list(run.arrays)
     chosen = known if arrays is None else ["time", *(name for name in arrays if name != "time")]
     for name in chosen:
         if name not in known:

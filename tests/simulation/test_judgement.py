@@ -277,13 +277,13 @@ def test_a_run_that_ends_early_fails_and_its_goals_are_not_judged():
 def test_a_verdict_stays_with_the_file_of_its_run(tmp_path):
     limit = 'lower="-9" upper="0.3" velocity="9" effort="9"'
     run = pushed(sliders(tmp_path, limit, WIDE), [1.0, 1.0])
-    replace(run).save(tmp_path / "samples.npz")  # samples of a run, which nothing can judge
+    replace(run, grounds=None).save(tmp_path / "samples.npz")  # samples of a run, which nothing can judge
     with pytest.raises(rnc.ConfigurationError, match="saved before it was judged"):
         _ = rnc.Trajectory.load(tmp_path / "samples.npz").verdict
     run.save(tmp_path / "run.npz")
     assert rnc.Trajectory.load(tmp_path / "run.npz").verdict == run.verdict
     assert not run.verdict.succeeded
-    unknown = replace(run, q=np.full_like(run.q, np.nan)).judged_later(vars(run)["_judge"])
+    unknown = replace(run, q=np.full_like(run.q, np.nan))
     unknown.save(tmp_path / "unknown.npz")
     with np.load(tmp_path / "unknown.npz") as file:
         assert np.isnan(file["q"]).all()

@@ -1,7 +1,7 @@
 """The record of a run: typed in the package, JSON under fixed keys in its file."""
 
 import json
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -48,11 +48,12 @@ def test_provenance_survives_being_plain(origin):
 def test_a_run_tells_its_file_what_it_knows(run, tmp_path):
     run.save(tmp_path / "run.npz")
     again = rnc.Trajectory.load(tmp_path / "run.npz")
-    assert again.info == run.info
-    for each in fields(run):
-        np.testing.assert_array_equal(getattr(again, each.name), getattr(run, each.name))
+    judged = run.with_verdict(run.verdict)
+    assert again.info == judged.info
+    for name, values in run.arrays.items():
+        np.testing.assert_array_equal(again.arrays[name], values)
     assert [each.name for each in tmp_path.iterdir()] == ["run.npz"]
-    assert again.meta == run.meta == json.loads(json.dumps(run.meta))
+    assert again.meta == judged.meta == json.loads(json.dumps(judged.meta))
     assert again.info.provenance == FULL
     with np.load(tmp_path / "run.npz") as file:
         written = json.loads(str(file["meta"]))
@@ -113,7 +114,7 @@ test_what_could_not_be_written_is_refused_before_the_run = refused([
 
 
 def test_what_a_run_will_say_is_looked_up_before_it_runs(monkeypatch):
-    monkeypatch.setattr("rnc_pin.simulation.record.versions", lambda: pytest.fail("looked up"))
+    monkeypatch.setattr("rnc_pin.simulation.sampled_run.versions", lambda: pytest.fail("looked up"))
     with pytest.raises(pytest.fail.Exception, match="looked up"):
         idle_run(observer=lambda sample: pytest.fail("it ran"))
 

@@ -234,7 +234,7 @@ def drive(
                 raise
             trajectory, error = failure.trajectory, failure
         wall_time = time.perf_counter() - started
-        summary, limits = judged_summary(experiment, trajectory, wall_time=wall_time, goals=False)
+        trajectory, summary, limits = judged_summary(experiment, trajectory, wall_time=wall_time, goals=False)
     return Result(trajectory, summary, error, {}, limits)
 
 

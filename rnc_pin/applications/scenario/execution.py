@@ -55,7 +55,7 @@ def execute(
         # The wall time of the summary is that of the simulation, without building and drawing.
         start = time.perf_counter()
         trajectory, error = scenario.simulated(_watched(scenario, observer, _shown(progress, 0.0, scenario.name)))
-        summary, limits = judged_summary(scenario.experiment, trajectory, time.perf_counter() - start)
+        trajectory, summary, limits = judged_summary(scenario.experiment, trajectory, time.perf_counter() - start)
         others: dict[str, Trajectory] = {}
         if error is None and trajectory.outcome is Outcome.COMPLETED:
             others = _comparisons(scenario, summary, progress)

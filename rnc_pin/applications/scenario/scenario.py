@@ -274,11 +274,12 @@ class Scenario(SummaryMixin):
             RncError: the scenario cannot be built, or the run failed; ``trajectory`` of the error has what it reached.
         """
         with np.errstate(over="ignore", invalid="ignore"):  # diverged values
-            run = self.simulated(observer)
-            judged_summary(self.experiment, run.trajectory)
-        if run.error is not None:
-            raise run.error
-        return run.trajectory
+            run, error = self.simulated(observer)
+            run, *_ = judged_summary(self.experiment, run)
+        if error is not None:
+            error.trajectory = run
+            raise error
+        return run
 
     def simulated(self, observer: Observer | None = None) -> Simulated:
         """Simulate the run. An error that ends it early is part of the result.

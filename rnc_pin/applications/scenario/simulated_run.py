@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,6 +35,15 @@ from rnc_pin.simulation import (
 )
 from rnc_pin.verdict import Finding, FindingKind, Severity
 
+
+class Judged(NamedTuple):
+    """Run with its verdict, its summary, and the replay of limits and distances; None for a run without samples."""
+
+    trajectory: Trajectory
+    summary: Summary
+    limits: LimitReplay | None
+
+
 REPLAY_DISTANCE = 0.2
 """Distance up to which the replay of a run computes exact distances [m]."""
 _REPLAY_STEP, _REPLAYED = 0.02, 500  # smallest step between distances [s], and largest number of them
@@ -41,17 +51,14 @@ _REPLAY_STEP, _REPLAYED = 0.02, 500  # smallest step between distances [s], and 
 
 def judged_summary(
     experiment: Experiment, run: Trajectory, wall_time: float | None = None, *, goals: bool = True
-) -> tuple[Summary, LimitReplay | None]:
-    """Judge a run of a scenario. The run has its verdict afterwards, and the summary has it too.
+) -> Judged:
+    """Judge a run of a scenario. The returned run has its verdict, and the summary has it too.
 
     Args:
         experiment: objects of the run.
         run: the run.
         wall_time: computing time [s].
         goals: False for a run whose end is not in the scenario, such as one that a user drives.
-
-    Returns:
-        The summary, and the replay of limits and distances; None for a run without samples.
     """
     scenario, chosen = experiment.scenario, experiment.scenario.controller
     summary = run_summary(experiment, run, wall_time)
@@ -76,7 +83,6 @@ def judged_summary(
         more=more,
         accepted=scenario.accept,
     )
-    run.keep_verdict(verdict)
     add_verdict(summary, verdict)
     if replay is not None:
         add_limits(summary, replay)
@@ -91,7 +97,7 @@ def judged_summary(
         beyond = {name: error for name, error in errors.items() if not error <= scenario.goal_tolerance}
         if beyond:
             summary["goals_missed"] = beyond
-    return summary, replay
+    return Judged(run.with_verdict(verdict), summary, replay)
 
 
 def run_summary(experiment: Experiment, run: Trajectory, wall_time: float | None = None) -> Summary:

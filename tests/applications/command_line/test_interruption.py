@@ -17,7 +17,7 @@ from patience import PATIENCE, eventually
 from processes import alive, children
 from rnc_pin.control import Command
 from rnc_pin.interruption import interruptible, uninterrupted
-from rnc_pin.simulation.record import Record
+from rnc_pin.simulation.sampled_run import SampledRun
 from simple_controllers import Memoryless
 from systems import sleigh
 from terminal import UNDRAWN
@@ -126,14 +126,14 @@ def test_interruptions_wait_until_nothing_is_lost_by_them():
 
 
 def test_three_interruptions_keep_the_run_in_a_program_of_ones_own(monkeypatch):
-    reduced, finish = sleigh(), Record.finish
+    reduced, finish = sleigh(), SampledRun.finish
 
     def impatient(*arguments):
         signal.raise_signal(signal.SIGINT)
         signal.raise_signal(signal.SIGINT)
         return finish(*arguments)
 
-    monkeypatch.setattr(Record, "finish", impatient)
+    monkeypatch.setattr(SampledRun, "finish", impatient)
     then = pushing(lambda: signal.raise_signal(signal.SIGINT))
     run = rnc.simulate(reduced, then, reduced.robot.configuration(), 1.0, dt=0.01)
     assert run.outcome is rnc.Outcome.INTERRUPTED

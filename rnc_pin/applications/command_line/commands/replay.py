@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TypedDict, Unpack
 
@@ -15,18 +16,7 @@ from rnc_pin.applications.command_line.report import print_summary, report_findi
 from rnc_pin.applications.scenario.output_folder import check_new_file, one_line_errors
 from rnc_pin.applications.scenario.saved_run import Run, animation_of, load_run
 from rnc_pin.interruption import interruptible
-from rnc_pin.simulation import (
-    FurtherLimits,
-    Provenance,
-    RunInfo,
-    Trajectory,
-    add_verdict,
-    export_run,
-    judge,
-    replay_limits,
-    summarize,
-)
-from rnc_pin.verdict import Verdict
+from rnc_pin.simulation import Grounds, Provenance, RunInfo, Trajectory, add_verdict, export_run, summarize
 from rnc_pin.visualization import DrawnModel, LiveView, Recording, View, recorded_states, write_video
 from rnc_pin.visualization.browser import is_loopback
 
@@ -89,18 +79,12 @@ def _write(recording: Recording, files: ReplayFiles) -> None:
 
 def _judged(run: Run) -> int:
     """Print the summary and the verdict of a run, and return the exit status."""
-    summary, verdict = summarize(run.trajectory), _verdict(run)
+    # A run that has no verdict is judged without the goals and obstacles of its scenario.
+    verdict = replace(run.trajectory, grounds=Grounds(run.reduced)).verdict
+    summary = summarize(run.trajectory)
     add_verdict(summary, verdict)
     print_summary(summary, run.trajectory.info.outputs)
     return report_findings(verdict, f"the run is in {run.source}")
-
-
-def _verdict(run: Run) -> Verdict:
-    """Verdict of the run's file; else a new one, without the goals and obstacles of its scenario."""
-    stored, reduced = run.trajectory.info.verdict, run.reduced
-    further = FurtherLimits(efforts=reduced.actuation.stated_limits)
-    replay = replay_limits(reduced.robot, run.trajectory, further=further)
-    return stored or judge(run.trajectory, replay, reduced=reduced)
 
 
 def _show(run: Run, speed: float, browser: bool, host: str) -> None:
