@@ -57,7 +57,11 @@ class Trajectory(RunData, SummaryMixin):
         return verdict_of(self)
 
     def save(self, path: str | Path) -> None:
-        """Write a ``.npz`` file with the verdict, for ``load``. An error leaves no partial file."""
+        """Write a ``.npz`` file with the verdict, for ``load``. An error leaves no partial file.
+
+        Args:
+            path: path of the file; an existing one is replaced.
+        """
         path = Path(path)
         run: RunData = self
         with suppress(RncError):  # samples that nothing can judge are kept too

@@ -31,7 +31,8 @@ def check(function):
 def _rest(module, qualified):
     found = functools.reduce(lambda within, each: vars(within)[each], qualified.split("."), sys.modules[module])
     while hasattr(found, "__wrapped__") or not callable(found):
-        found = getattr(found, "__wrapped__", None) or getattr(found, "fget", None) or found.__func__
+        inner = (getattr(found, name, None) for name in ("__wrapped__", "fget", "func", "__func__"))
+        found = next(each for each in inner if each is not None)
     found.__no_type_check__ = True
     _resting.add(found)
 
