@@ -14,7 +14,7 @@ from types import ModuleType
 import click
 
 import rnc_pin
-from rnc_pin.applications.command_line.usage import cli
+from rnc_pin.applications.command_line.cli import cli
 
 PACKAGES = (
     "analysis",

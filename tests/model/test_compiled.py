@@ -166,7 +166,7 @@ KERNEL = "import rnc_pin; print(rnc_pin.kernel)"
     (KERNEL, "", "stdout", "numpy\n" if _kernel._load()[0] is _kernel.NUMPY_ALONE else "c\n"),
     (KERNEL, "fortran", "stderr", "RNC_PIN_KERNEL is 'fortran': expected 'c' or 'numpy'"),
     (OUTDATED + KERNEL, "", "stderr", f"of interface 3, {_kernel.INTERFACE} expected; using NumPy; reinstall with"),
-    (OUTDATED + "from rnc_pin.applications.command_line.usage import cli; cli(['--version'])", "", "stdout",
+    (OUTDATED + "from rnc_pin.applications.command_line.cli import cli; cli(['--version'])", "", "stdout",
         ", kernel numpy (compiled kernel is of interface 3"),
     (OUTDATED + KERNEL, "c", "stderr", "RNC_PIN_KERNEL is 'c', but the compiled kernel is of interface 3"),
 ])  # fmt: skip

@@ -9,8 +9,8 @@ import pytest
 
 import rnc_pin as rnc
 from refusals import refused
+from rnc_pin.applications.command_line.commands.replay import load_run
 from rnc_pin.applications.scenario.execution import execute
-from rnc_pin.applications.scenario.saved_run import load_run
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.simulation import PlannedPath, Provenance, RunInfo, TaskNames
 from rnc_pin.simulation.run_info import provenance_of

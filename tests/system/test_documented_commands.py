@@ -15,8 +15,7 @@ import click
 import pytest
 
 from places import ROOT, pages
-from rnc_pin.applications.command_line.cli import main
-from rnc_pin.applications.command_line.usage import cli
+from rnc_pin.applications.command_line.cli import cli, main
 from rnc_pin.applications.init import DraftOptions, draft, scenario_candidate
 
 PROGRAMS = ("rnc-pin", "python", "python3", "pytest", "pip", "ruff", "mypy", "lint-imports", "bash", ".", "eval")

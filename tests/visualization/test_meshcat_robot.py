@@ -17,7 +17,7 @@ from browsing import place, visit
 from patience import PATIENCE, eventually
 from places import DIRT
 from rnc_pin.applications.command_line.cli import main
-from rnc_pin.applications.scenario import pictures, saved_run
+from rnc_pin.applications.scenario import pictures
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.visualization.drawn_state import DrawnState, View
@@ -172,7 +172,7 @@ def test_what_fails_in_drawing_costs_the_drawing_alone(tmp_path, monkeypatch, ca
         raise ValueError("found a\nleft-handed frame")
 
     monkeypatch.setattr(pictures, "_overview", fail)
-    monkeypatch.setattr(saved_run, "Recording", fail)
+    monkeypatch.setattr(rnc.visualization, "Recording", fail)
     status, out, err = called(monkeypatch, capfd, *RUN, tmp_path / "out")
     assert status == 0
     saved, table = printed[0]

@@ -3,7 +3,7 @@
 import numpy as np
 
 from rnc_pin.applications.scenario.execution import execute
-from rnc_pin.applications.scenario.saved_run import drawn_run
+from rnc_pin.applications.scenario.pictures import drawn_run
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.visualization.browser.scene_server import SceneWindow
 from rnc_pin.visualization.drawn_state import RATE, View, recorded_states

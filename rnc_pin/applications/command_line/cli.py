@@ -1,6 +1,7 @@
-"""Entry point of ``rnc-pin``: runs a command, prints one line per error and sets the exit status.
+"""Entry point of ``rnc-pin``, and the Click definitions of its commands, arguments, options and help.
 
-Ctrl-C during its imports prints one line, not a traceback.
+Help and shell completion need only this module, so it imports little besides Click. ``commands`` implements the
+commands. An error is one line and an exit status, and so is Ctrl-C during imports.
 """
 
 import time
@@ -14,12 +15,265 @@ with interruptible_imports():
     import os
     import sys
     import traceback
+    import warnings
+    from collections.abc import Callable
+    from pathlib import Path
+    from typing import Any, TypeAlias, TypeVar
 
     import click
+    from click.shell_completion import CompletionItem
 
-    from rnc_pin.applications.command_line.messages import DONE, FAILED, USAGE, complain, told_warnings
-    from rnc_pin.applications.command_line.usage import cli
+    from rnc_pin.applications.command_line import commands
+    from rnc_pin.applications.command_line.messages import (
+        DONE,
+        FAILED,
+        USAGE,
+        announce,
+        complain,
+        print_json,
+        told_warnings,
+    )
+    from rnc_pin.applications.scenario.files import built_in_names, find_scenario, read_yaml
     from rnc_pin.errors import RncError
+
+Given: TypeAlias = Any
+"""Argument from Click; the functions in ``commands`` declare the types."""
+
+
+def _files(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    return [CompletionItem(incomplete, type="file")]
+
+
+def _scenarios(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    names = [CompletionItem(name) for name in built_in_names() if name.startswith(incomplete)]
+    return [*_files(context, parameter, incomplete), *names]  # names last: bash drops entries before files
+
+
+_scenario = click.argument("scenario", shell_complete=_scenarios)
+_options = click.option("--set", "options", metavar="A.B=C", multiple=True, help="Replace a value of the scenario.")
+_PATH = click.Path(path_type=Path)
+_Command = TypeVar("_Command", bound=Callable[..., object])
+_json = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
+_force = click.option("--force", is_flag=True, help="Write into a folder that rnc-pin did not create.")
+_debug = click.option("--debug", is_flag=True, expose_value=False, help="Show a traceback with an error.")
+
+
+def _imported(function: Callable[[], _Command]) -> _Command:
+    """Return the function of a command, which is imported by its name."""
+    with interruptible_imports():
+        return function()
+
+
+def _print_version(context: click.Context, parameter: click.Parameter, asked: bool) -> None:
+    if asked and not context.resilient_parsing:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the line says it
+            from rnc_pin._kernel import kernel, outdated
+        from rnc_pin.version import __version__
+
+        why = f" ({outdated})" if outdated else ""
+        click.echo(f"rnc-pin, version {__version__}, kernel {kernel}{why}")
+        context.exit()
+
+
+def _all(*options: Callable[[_Command], _Command]) -> Callable[[_Command], _Command]:
+    """Decorator that adds arguments and options in this order."""
+
+    def add(command: _Command) -> _Command:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return add
+
+
+_showing = _all(
+    click.option("--show", is_flag=True, help="Show the robot in the browser, in real time."),
+    click.option(
+        "--speed", type=click.FloatRange(min=0), default=1.0, help="With --show: times real time; 0: no wait."
+    ),
+    click.option("--browser/--no-browser", default=True, help="With --show: open the browser, or print the address."),
+    click.option("--host", default="127.0.0.1", help="With --show: listen address; a public one lets others watch."),
+)
+"""Options of the live view."""
+_written = _all(_json, _force, _debug)
+_robot = _all(
+    click.option("--arg", "arguments", metavar="A=B", multiple=True, help="Argument of a xacro file."),
+    click.option(
+        "--package-dir",
+        "package_dirs",
+        metavar="FOLDER",
+        multiple=True,
+        type=click.Path(path_type=Path, exists=True, file_okay=False),
+        help="Further folder for files of the robot: a package, a folder of packages, or any other.",
+    ),
+)
+"""Options of a robot's file."""
+
+
+_HELP = {"help_option_names": ["-h", "--help"]}
+"""Settings of every command: Click keeps the first help option that it makes, with a parent or without."""
+
+
+@click.group(context_settings=_HELP, invoke_without_command=True)
+@click.option(
+    "--version", is_flag=True, expose_value=False, is_eager=True, callback=_print_version, help="Show the version."
+)
+@_debug
+@click.pass_context
+def cli(context: click.Context) -> None:
+    """Dynamics, redundancy and control of nonholonomic mechanical systems from a URDF."""
+    if context.invoked_subcommand is None:
+        raise click.UsageError(f"expected a command: {', '.join(cli.commands)}", context)
+
+
+@cli.command("list", context_settings=_HELP)
+@_json
+@_debug
+def list_scenarios(as_json: bool) -> None:
+    """List the built-in scenarios."""
+    titles = {name: read_yaml(find_scenario(name)).get("title") or "" for name in built_in_names()}
+    if as_json:
+        print_json(titles)
+        return
+    for name, title in titles.items():
+        click.echo(f"{name:<{max(map(len, titles))}}  {title}")
+
+
+@cli.command("run", context_settings=_HELP)
+@_scenario
+@click.option("--out", type=_PATH, help="Folder for results; runs/SCENARIO by default.")
+@_options
+@_showing
+@_written
+def run_command(**given: Given) -> int:
+    """Run a SCENARIO: a built-in name or a YAML file."""
+    find_scenario(given["scenario"])
+    announce(f"{given['scenario']}: reading the scenario", given["as_json"])
+    return _imported(lambda: commands.run_scenario)(**given)
+
+
+@cli.command(context_settings=_HELP)
+@click.argument("source", metavar="SCENARIO|ROBOT", shell_complete=_scenarios)
+@click.option("--out", type=_PATH, help="Folder for results; runs/SCENARIO-drive by default.")
+@_options
+@click.option(
+    "--frame", "frames", metavar="FRAME", multiple=True, help="Frame that can have a goal; guessed by default."
+)
+@_robot
+@click.option("--duration", type=click.FloatRange(min=0, min_open=True), help="End after this time [s].")
+@click.option("--browser/--no-browser", default=True, help="Open the browser, or print the address only.")
+@_written
+def drive(**given: Given) -> int:
+    """Drive a robot in real time from the browser: a SCENARIO or a ROBOT's file or name.
+
+    Accelerations are those that the efforts and masses of the model allow, and links keep apart.
+
+    Arrow keys or W A S D drive the base, a click on the ground sets a goal, and sliders move joints. Space stops.
+    """
+    announce(f"{given['source']}: preparing the drive", quiet=True)
+    return _imported(lambda: commands.drive_robot)(**given)
+
+
+@cli.command(context_settings=_HELP)
+@click.argument("system", shell_complete=_scenarios)
+@_options
+@click.option("--samples", type=click.IntRange(min=1), default=64, help="Sampled configurations.")
+@click.option("--seed", type=int, default=0, help="Random seed of the sampled configurations.")
+@_json
+@_debug
+def inspect(**given: Given) -> None:
+    """Analyze a SYSTEM: motions, constraint rows, actuation, redundancy and singularities."""
+    find_scenario(given["system"])
+    announce(f"{given['system']}: analyzing the system", quiet=True)
+    _imported(lambda: commands.inspect_system)(**given)
+
+
+@cli.command(context_settings=_HELP)
+@click.argument("system", shell_complete=_scenarios)
+@_options
+@click.option("--primary", metavar="A,B", help="Primary outputs; by default the scenario's own, then each tip.")
+@click.option("--write", type=_PATH, metavar="FILE", help="Write the scenario of a row, after a trial run.")
+@click.option("--row", type=click.IntRange(min=1), help="With --write: this row; the best one by default.")
+@_json
+@_debug
+def explore(**given: Given) -> int | None:
+    """Tell what the redundancy of a SYSTEM can do while its primary outputs rest, best use first."""
+    find_scenario(given["system"])
+    announce(f"{given['system']}: exploring the redundancy", quiet=True)
+    return _imported(lambda: commands.explore_system)(**given)
+
+
+@cli.command(context_settings=_HELP)
+@click.argument("robot", shell_complete=_files)
+@click.option("--out", type=_PATH, help="File to write; ROBOT.yaml in this folder by default.")
+@click.option("--base", type=click.Choice(["fixed", "planar", "free"]), help="Base type; guessed by default.")
+@_robot
+@click.option("--lock", metavar="JOINT[=VALUE]", multiple=True, help="Lock a joint at zero or at a value [rad or m].")
+@click.option("--driven", metavar="JOINT", multiple=True, help="A joint with a motor.")
+@click.option("--passive", metavar="JOINT", multiple=True, help="A joint without a motor.")
+@click.option("--balance/--no-balance", default=None, help="Whether a base on two wheels balances.")
+@click.option("--rollers/--no-rollers", default=None, help="Whether the wheels have rollers, such as Mecanum wheels.")
+@click.option("--force", is_flag=True, help="Replace an existing file.")
+@_debug
+def init(**given: Given) -> None:
+    """Draft a scenario for a ROBOT: a URDF, xacro or MJCF file, or the name of an example."""
+    announce(f"{given['robot']}: reading the robot and testing a scenario for it", quiet=True)
+    _imported(lambda: commands.draft_scenario)(**given)
+
+
+@cli.command(context_settings=_HELP)
+def schema() -> None:
+    """Print the JSON Schema of scenario files, for editors."""
+    _imported(lambda: commands.print_schema)()
+
+
+@cli.command(context_settings=_HELP)
+@click.argument("sources", metavar="SOURCE...", nargs=-1, required=True, type=_PATH)
+@_showing
+@click.option("--html", type=_PATH, help="Write one HTML file that plays offline.")
+@click.option("--video", type=_PATH, help="Write an .mp4 or .gif; needs ffmpeg.")
+@click.option("--rate", type=click.FloatRange(1, 60), default=25.0, help="Frames per second of a video.")
+@_force
+@_debug
+def replay(**given: Given) -> int:
+    """Replay runs: folders of ``run``, or their trajectory.npz. Further runs are compared with the first."""
+    announce(f"{', '.join(map(str, given['sources']))}: reading", quiet=True)
+    return _imported(lambda: commands.replay_runs)(**given)
+
+
+@cli.command(context_settings=_HELP)
+@click.argument("source", type=_PATH)
+@click.argument("file", type=_PATH)
+@click.option("--array", "arrays", metavar="NAME", multiple=True, help="An array, such as x2 or T; all by default.")
+@click.option("--force", is_flag=True, help="Replace an existing file.")
+@_debug
+def export(**given: Given) -> None:
+    """Write a run, a folder of ``run`` or its trajectory.npz, as a FILE.csv with names and units."""
+    _imported(lambda: commands.export_file)(**given)
+
+
+@cli.command(context_settings=_HELP)
+@_scenario
+@click.option("--runs", type=click.IntRange(min=1), required=True, help="Number of runs.")
+@click.option("--jobs", type=int, default=1, help="Local processes; -1 for all cores.")
+@click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler to run on.")
+@click.option("--out", type=_PATH, required=True, help="Folder for results.")
+@_options
+@_written
+def sweep(**given: Given) -> int:
+    """Run a SCENARIO many times with values drawn from the distributions in its 'sweep'.
+
+    A task that fails preflight is drawn again; '--set preflight=warn' runs it anyway. If the command is killed, the
+    same command continues.
+    """
+    find_scenario(given["scenario"])
+    announce(f"{given['scenario']}: reading the scenario", given["as_json"])
+    scheduler = given.pop("scheduler")
+    return _imported(lambda: commands.sweep_scenario)(**{**given, "jobs": scheduler or given["jobs"]})
+
+
+# ------------------------------------------------------------------ entry point
 
 
 def main() -> None:

@@ -6,7 +6,7 @@ Matplotlib and Meshcat take a second to import: functions that draw import them.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -16,6 +16,7 @@ import numpy as np
 from rnc_pin import figures, simulation, visualization
 from rnc_pin.applications.scenario.execution import Result
 from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.errors import RncError, few
 from rnc_pin.interruption import interruptible
 
@@ -85,12 +86,11 @@ def draw_pictures(
 
 
 def _writer(name: str) -> Callable[[Scenario, Result, Path], bool]:
-    """Function that writes a file of this name."""
+    """Function that writes a file of this name, after the import of what it draws with."""
     if name == ANIMATION:
-        from rnc_pin.applications.scenario.saved_run import write_animation
-
+        import_module("rnc_pin.visualization.recording")
         return write_animation
-    import_module("rnc_pin.visualization.plots")  # with Matplotlib, before the plot
+    import_module("rnc_pin.visualization.plots")
     return _write_plot
 
 
@@ -111,6 +111,37 @@ def _drawn(scenario: Scenario, result: Result, path: Path) -> bool | str:
         path.unlink(missing_ok=True)
         kind = "" if isinstance(error, RncError) else f"{type(error).__name__}: "
         return kind + (" ".join(str(error).split()) or "no reason given")
+
+
+# ------------------------------------------------------------------ page
+
+
+def drawn_run(drawn: visualization.DrawnModel, scenario: ScenarioFile) -> visualization.DrawnModel:
+    """Add the contacts that open and close to the subject of a page, so that it shows their forces.
+
+    Args:
+        drawn: robot, model and obstacles of the scenario.
+        scenario: the scenario of the run.
+    """
+    return replace(drawn, switching=tuple(each.constraint for each in scenario.contacts))
+
+
+def write_animation(scenario: Scenario, result: Result, path: Path) -> bool:
+    """Write the page of a run.
+
+    Args:
+        scenario: its scenario.
+        result: the run.
+        path: path of the page.
+
+    Raises:
+        ModelError: the robot has no geometry.
+    """
+    content = scenario.content
+    view = replace(content.view, hide=[*content.view.hide, "compared"])  # users can switch this layer on
+    drawn, title = drawn_run(scenario.experiment.drawn_model, content), content.title or scenario.name
+    visualization.Recording(drawn, result.trajectory, view, title, result.comparisons).save(path)
+    return True
 
 
 # ------------------------------------------------------------------ plots

@@ -1,10 +1,10 @@
 """Exports of ``rnc_pin.applications.command_line.commands``, which ``__init__.py`` imports at their first use."""
 
 from .drive import drive_robot as drive_robot
-from .init import draft_scenario as draft_scenario
-from .init import print_schema as print_schema
+from .inspection import draft_scenario as draft_scenario
 from .inspection import explore_system as explore_system
 from .inspection import inspect_system as inspect_system
+from .inspection import print_schema as print_schema
 from .replay import export_file as export_file
 from .replay import replay_runs as replay_runs
 from .run import run_scenario as run_scenario
