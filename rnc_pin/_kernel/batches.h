@@ -16,22 +16,17 @@ static Evaluator *of_run(const Evaluator *ev, PyObject *evaluators, Py_ssize_t i
     return NULL;
 }
 
-/* Row length of an array with a row for each run; -1 if it is shorter than size. */
-static Py_ssize_t row_length(const Arrays *all, Py_ssize_t size)
-{
-    const Py_buffer *view = all->views + all->open - 1;
-    Py_ssize_t length = all->count > 0 ? view->len / (all->count * (Py_ssize_t)sizeof(double)) : size;
-    return length < size || length * all->count * (Py_ssize_t)sizeof(double) != view->len ? -1 : length;
-}
-
+/* An array with a row for each run, which may be longer than size. */
 static int take_rows(Arrays *all, PyObject *object, Py_ssize_t size, int flags, double **out, Py_ssize_t *length)
 {
     Py_buffer *view = all->views + all->open;
+    Py_ssize_t column = all->count * (Py_ssize_t)sizeof(double);
     *out = NULL;
     if (PyObject_GetBuffer(object, view, flags) < 0) return 0;
-    all->open++, *out = view->buf, *length = row_length(all, size);
-    if (*length < 0) PyErr_SetString(PyExc_ValueError, "kernel: an array of a batch has short rows");
-    return *length >= 0;
+    all->open++, *out = view->buf, *length = column > 0 ? view->len / column : size;
+    if (*length >= size && *length * column == view->len) return 1;
+    PyErr_SetString(PyExc_ValueError, "kernel: an array of a batch has short rows");
+    return 0;
 }
 
 /* Tuple of evaluators; q (nq), y that starts with the velocities of the chart, of one run mu and its rates (2 m) or
@@ -123,7 +118,7 @@ static PyObject *integrate(Evaluator *ev, PyObject *const *args, Py_ssize_t give
         if (PyErr_Occurred()) ok = -1;
         if (done && loses && s != held) { /* charts of one reduction have equal sizes */
             free(all.memory);
-            if (!(all.memory = dissipation_memory(chart, &d))) ok = -1;
+            if (!dissipation_memory(chart, &d, &all.memory)) ok = -1;
             held = s;
         }
         const double *known = P ? P + i * kinematics_size(ev) : NULL;

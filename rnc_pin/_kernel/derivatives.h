@@ -59,43 +59,18 @@ static int prepare_derivatives(Evaluator *ev) /* false with an error if there is
     if (ev->derivatives) return 1;
     Py_ssize_t n = ev->n, r = ev->r, joints = ev->joints, frames = ev->frames, nn = n * n;
     Derivatives own, *d = &own;
-    double **parts[] = {&d->twist, &d->rate,         &d->forces,      &d->origin, &d->frames_q, &d->frames_v,
-                        &d->h_q,   &d->tau_q,        &d->tau_v,       &d->N,      &d->Ev_q,     &d->Ew_q,
-                        &d->Ew_v,  &d->columns,      &d->tau,         &d->unit,   &d->RM,       &d->Q,
-                        &d->Z,     &d->acceleration, &d->multipliers, &d->L,      &d->B,        &d->passive};
-    Py_ssize_t sizes[] = {6 * joints,
-                          6 * joints,
-                          6 * joints,
-                          3 * frames,
-                          frames * n * CHANGE,
-                          frames * n * CHANGE,
-                          nn,
-                          nn,
-                          nn,
-                          nn,
-                          nn,
-                          nn,
-                          nn,
-                          nn,
-                          n,
-                          n,
-                          n * r,
-                          n * r,
-                          n * r,
-                          n,
-                          n,
-                          r * r,
-                          n * ev->p,
-                          ev->forced};
-    size_t count = sizeof sizes / sizeof *sizes;
-    Py_ssize_t numbers = divide(NULL, parts, sizes, count);
-    size_t bytes = (size_t)numbers * sizeof(double) + (size_t)(2 * n + joints) * sizeof(long) + (size_t)(joints * n);
-    if (!(ev->derivatives = calloc(1, sizeof own + bytes))) return PyErr_NoMemory(), 0;
-    double *block = (double *)(ev->derivatives + 1);
-    divide(block, parts, sizes, count);
-    d->by_q = (Change *)d->frames_q, d->by_v = (Change *)d->frames_v;
-    d->joint = (long *)(block + numbers), d->varying = d->joint + n, d->parent = d->varying + n;
-    d->moves = (char *)(d->parent + joints);
+    double *places, *moves;
+    void *memory;
+    if (!allocate(&memory, &places, (Py_ssize_t)(sizeof own / sizeof(double)), &d->twist, 6 * joints, &d->rate,
+                  6 * joints, &d->forces, 6 * joints, &d->origin, 3 * frames, &d->frames_q, frames * n * CHANGE,
+                  &d->frames_v, frames * n * CHANGE, &d->h_q, nn, &d->tau_q, nn, &d->tau_v, nn, &d->N, nn, &d->Ev_q, nn,
+                  &d->Ew_q, nn, &d->Ew_v, nn, &d->columns, nn, &d->tau, n, &d->unit, n, &d->RM, n * r, &d->Q, n * r,
+                  &d->Z, n * r, &d->acceleration, n, &d->multipliers, n, &d->L, r * r, &d->B, n * ev->p, &d->passive,
+                  ev->forced, &places, 2 * n + joints, &moves, joints * n / 8 + 1, NULL))
+        return 0;
+    d->by_q = (Change *)d->frames_q, d->by_v = (Change *)d->frames_v, d->moves = (char *)moves;
+    d->joint = (long *)places, d->varying = d->joint + n, d->parent = d->varying + n;
+    ev->derivatives = memory; /* whose first part is for this structure */
     *ev->derivatives = own;
     find_joints(ev, ev->derivatives);
     return 1;

@@ -25,54 +25,16 @@ typedef struct {
     const double *kinematics;                /* those at the start of the run, or NULL */
 } Dissipation;
 
-/* Pointers into a block that calloc returns; NULL with an error */
-static double *dissipation_memory(const Evaluator *ev, Dissipation *d)
+/* Pointers into memory; false with an error */
+static int dissipation_memory(const Evaluator *ev, Dissipation *d, void **memory)
 {
     Py_ssize_t n = ev->n, r = ev->r, k = d->rows, size = d->size = n + integrated(ev), rr = r * r;
-    double **parts[] = {&d->J,      &d->along,  &d->moved,    &d->gram,   &d->H,     &d->modes,  &d->inverse,
-                        &d->decay,  &d->follow, &d->speeds,   &d->forces, &d->stops, &d->now,    &d->wanted,
-                        &d->shares, &d->slope,  &d->bias,     &d->basis,  &d->a,     &d->growth, &d->rest,
-                        &d->which,  &d->slides, &d->x,        &d->at,     &d->y,     &d->q,      &d->flows,
-                        &d->stages, &d->inputs, &d->external, &d->B,      &d->at_q,  &d->at_v2};
-    Py_ssize_t sizes[] = {k * n,
-                          k * r,
-                          k * r,
-                          k * k,
-                          rr,
-                          rr,
-                          rr,
-                          r,
-                          (size - r) * r,
-                          k,
-                          k,
-                          k,
-                          k,
-                          k,
-                          k,
-                          k,
-                          k,
-                          r * k,
-                          r,
-                          10 * r,
-                          k,
-                          k,
-                          k,
-                          size,
-                          size,
-                          size,
-                          ev->nq,
-                          size,
-                          8 * size + k * (k + 1),
-                          ev->p,
-                          n,
-                          n * ev->p,
-                          ev->nq,
-                          r};
-    size_t count = sizeof sizes / sizeof *sizes;
-    double *memory = calloc((size_t)divide(NULL, parts, sizes, count) + 1, sizeof(double));
-    if (memory) divide(memory, parts, sizes, count);
-    else PyErr_NoMemory();
-    return memory;
+    return allocate(memory, &d->J, k * n, &d->along, k * r, &d->moved, k * r, &d->gram, k * k, &d->H, rr, &d->modes, rr,
+                    &d->inverse, rr, &d->decay, r, &d->follow, (size - r) * r, &d->speeds, k, &d->forces, k, &d->stops,
+                    k, &d->now, k, &d->wanted, k, &d->shares, k, &d->slope, k, &d->bias, k, &d->basis, r * k, &d->a, r,
+                    &d->growth, 10 * r, &d->rest, k, &d->which, k, &d->slides, k, &d->x, size, &d->at, size, &d->y,
+                    size, &d->q, ev->nq, &d->flows, size, &d->stages, 8 * size + k * (k + 1), &d->inputs, ev->p,
+                    &d->external, n, &d->B, n * ev->p, &d->at_q, ev->nq, &d->at_v2, r, NULL);
 }
 
 /* The position, E and its inverse at q, in scratch, and the rows with friction */
@@ -206,12 +168,7 @@ static void eigenvectors(double *A, double *V, Py_ssize_t r)
                 off = fmax(off, fabs(b) / (size + fabs(b)));
                 double theta = (A[j * r + j] - A[i * r + i]) / (2 * b);
                 double t = copysign(1.0, theta) / (fabs(theta) + sqrt(theta * theta + 1)), c = 1 / sqrt(t * t + 1);
-                for (Py_ssize_t l = 0; l < r; l++) {
-                    double x = A[i * r + l], y = A[j * r + l];
-                    A[i * r + l] = c * x - t * c * y, A[j * r + l] = t * c * x + c * y;
-                    x = V[i * r + l], y = V[j * r + l];
-                    V[i * r + l] = c * x - t * c * y, V[j * r + l] = t * c * x + c * y;
-                }
+                rotate(A + i * r, A + j * r, c, t * c, r), rotate(V + i * r, V + j * r, c, t * c, r);
                 for (Py_ssize_t l = 0; l < r; l++) {
                     double x = A[l * r + i], y = A[l * r + j];
                     A[l * r + i] = c * x - t * c * y, A[l * r + j] = t * c * x + c * y;

@@ -13,6 +13,7 @@
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
 #include <math.h>
+#include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -80,23 +81,8 @@ typedef struct {
 } Evaluator;
 
 enum { V_M, V_J, V_NLE, V_C, V_PLACES, V_Q, V_V, V_A, V_TAU_Q, V_TAU_V, VIEWS };
-enum {
-    P_MODEL,
-    P_DATA,
-    P_Q,
-    P_V,
-    P_CONVENTION,
-    P_CRBA,
-    P_NLE,
-    P_C,
-    P_NORMALIZED,
-    P_EPS,
-    P_EMPTY,
-    P_INTEGRATE,
-    P_A,
-    P_RNEA,
-    REFS
-};
+enum { P_MODEL, P_DATA, P_Q, P_V, P_CONVENTION, P_CRBA, P_NLE, P_C };
+enum { P_NORMALIZED = P_C + 1, P_EPS, P_EMPTY, P_INTEGRATE, P_A, P_RNEA, REFS };
 
 /* ------------------------------------------------------------------ small vectors */
 
@@ -175,6 +161,14 @@ static void multiply_transposed(const double *left, Py_ssize_t ldl, const double
             if (left[j * ldl + i] != 0.0) add(out + i * c, left[j * ldl + i], right + j * ldr, c);
 }
 
+static void rotate(double *restrict x, double *restrict y, double cosine, double sine, Py_ssize_t n)
+{
+    for (Py_ssize_t i = 0; i < n; i++) {
+        double kept = x[i];
+        x[i] = cosine * kept - sine * y[i], y[i] = sine * kept + cosine * y[i];
+    }
+}
+
 /* out (a) = left (a, b) x (b) */
 static void multiply_vector(const double *left, const double *x, double *out, Py_ssize_t a, Py_ssize_t b)
 {
@@ -245,33 +239,8 @@ static void solve_cholesky(const double *L, double *X, Py_ssize_t r, Py_ssize_t 
 static int solve_positive_definite(const double *H, double *x, double *work, Py_ssize_t r)
 {
     if (!cholesky(H, 1, r, work, r)) return 0;
-    for (Py_ssize_t i = 0; i < r; i++) x[i] = (x[i] - dot(work + i * r, x, i)) / work[i * r + i];
-    for (Py_ssize_t i = r - 1; i >= 0; i--) {
-        for (Py_ssize_t j = i + 1; j < r; j++) x[i] -= work[j * r + i] * x[j];
-        x[i] /= work[i * r + i];
-    }
+    solve_cholesky(work, x, r, 1);
     return all_finite(x, r);
-}
-
-/* Triangular factor of rows (k, n + 1), whose last column is the right-hand side, by reflections; in place, k >= n. */
-static void triangularize(double *A, Py_ssize_t k, Py_ssize_t n)
-{
-    Py_ssize_t w = n + 1;
-    for (Py_ssize_t j = 0; j < n; j++) {
-        double square = 0.0, first = A[j * w + j];
-        for (Py_ssize_t i = j; i < k; i++) square += A[i * w + j] * A[i * w + j];
-        if (square == 0.0) continue;
-        double size = first > 0.0 ? -sqrt(square) : sqrt(square), scale = 1.0 / (square - first * size);
-        A[j * w + j] = first - size;
-        double sums[256];
-        for (Py_ssize_t c = j + 1; c < w; c++) sums[c] = 0.0;
-        for (Py_ssize_t i = j; i < k; i++)
-            for (Py_ssize_t c = j + 1; c < w; c++) sums[c] += A[i * w + j] * A[i * w + c];
-        for (Py_ssize_t c = j + 1; c < w; c++) sums[c] *= scale;
-        for (Py_ssize_t i = j; i < k; i++)
-            for (Py_ssize_t c = j + 1; c < w; c++) A[i * w + c] -= A[i * w + j] * sums[c];
-        A[j * w + j] = size;
-    }
 }
 
 /* ------------------------------------------------------------------ frames */
@@ -826,20 +795,20 @@ static int expect(const Evaluator *ev, Py_ssize_t found, Py_ssize_t expected) /*
     return 0;
 }
 
-/* Numbers (size) that are released with the arrays; NULL with an error */
-static double *memory_of(Arrays *all, Py_ssize_t size)
+/* Zeros in parts: pairs of a pointer's address and its numbers, a Py_ssize_t, then NULL. False with an error. */
+static int allocate(void **memory, ...)
 {
-    if (!(all->memory = calloc((size_t)size + 1, sizeof(double)))) PyErr_NoMemory();
-    return all->memory;
-}
-
-/* Divide a block of memory into parts; returns its length, also without a block */
-static Py_ssize_t divide(double *block, double **const *parts, const Py_ssize_t *sizes, size_t count)
-{
-    Py_ssize_t at = 0;
-    for (size_t i = 0; i < count; at += sizes[i++])
-        if (block) *parts[i] = block + at;
-    return at;
+    Py_ssize_t size = 0;
+    for (int counted = 0; counted < 2; counted++) {
+        double **part;
+        va_list parts;
+        if (counted && !(*memory = calloc((size_t)size + 1, sizeof(double)))) return PyErr_NoMemory(), 0;
+        va_start(parts, memory);
+        for (size = 0; (part = va_arg(parts, double **)); size += va_arg(parts, Py_ssize_t))
+            if (counted) *part = (double *)*memory + size;
+        va_end(parts);
+    }
+    return 1;
 }
 
 /* Numbers of y of the integrator: v2, integrals of J1 v, time if mu depends on it, and work */
@@ -862,6 +831,8 @@ static Py_ssize_t size_of(const Evaluator *ev, char letter)
     case 'D': return rates_size(ev);
     case 'H': return r * r;
     case 'B': return n * ev->p;
+    case 'G': return r * ev->p;
+    case 'J': return k * n;
     case 'Y': return k * (n + r); /* J1 and A_star */
     case 'x': return r + k;       /* values of outputs */
     case 'y': return integrated(ev);
@@ -969,6 +940,19 @@ static int acceleration_at(Evaluator *ev, double *const *x)
 { return accelerate(ev, x[0], x[1], x[2], x[3], ev->scratch); }
 METHOD(acceleration, "FSvr!", acceleration_at)
 
+/* F, S, B, accelerations of unit inputs (r, p), and those without inputs (r) */
+static int input_accelerations_at(Evaluator *ev, double *const *x)
+{
+    Py_ssize_t n = ev->n, r = ev->r, p = ev->p;
+    const double *R = x[0] + n * n + ev->m, *unforced = x[1] + 3 * n, *H = x[1] + 4 * n;
+    if (!cholesky(H, 1, r, ev->scratch, r)) return 0;
+    multiply_transposed(R, n, x[2], p, x[3], r, n, p);
+    multiply_transposed(R, n, unforced, 1, x[4], r, n, 1);
+    solve_cholesky(ev->scratch, x[3], r, p), solve_cholesky(ev->scratch, x[4], r, 1);
+    return all_finite(x[3], r * p) && all_finite(x[4], r);
+}
+METHOD(input_accelerations, "FSBG!r!", input_accelerations_at)
+
 static int vertical_at(Evaluator *ev, double *const *x)
 { return (x[3] || !ev->external_vertical) && vertical(ev, x[0], x[1], x[2], x[3], x[4]); }
 METHOD(vertical_rows, "qPFW?Y!", vertical_at)
@@ -1010,6 +994,14 @@ METHOD(passive_forces, "qPv2!", passive_at)
 
 static int values_at(Evaluator *ev, double *const *x) { return values(ev, x[0], x[1], x[2]), 1; }
 METHOD(output_values, "qPx!", values_at)
+
+/* q, P, J1, values: for outputs alone, without E. False if a row is undefined or Python evaluates it. */
+static int outputs_at(Evaluator *ev, double *const *x)
+{
+    values(ev, x[0], x[1], x[3]);
+    return !ev->external_vertical && assemble(ev, x[0], x[1], NULL, ev->n, ev->n + ev->k, x[2]);
+}
+METHOD(outputs, "qPJ!x!", outputs_at)
 
 static int actuation_at(Evaluator *ev, double *const *x) { return input_matrix(ev, x[0], x[1], x[2], ev->scratch), 1; }
 METHOD(actuation, "qPB!", actuation_at)
@@ -1654,6 +1646,7 @@ static void destroy(PyObject *self)
 static PyMethodDef methods[] = {
     METHOD(configure, configure), METHOD(velocity, full_velocity), METHOD(inertia, reduced_inertia),
     METHOD(biases, bias_forces), METHOD(accelerate, acceleration), METHOD(actuation, actuation),
+    METHOD(input_accelerations, input_accelerations), METHOD(outputs, outputs),
     METHOD(allocate, allocation), METHOD(set_numbers, set_numbers), METHOD(vertical, vertical_rows),
     METHOD(passive_forces, passive_forces), METHOD(values, output_values), METHOD(rates, row_rates),
     METHOD(inverse_dynamics, inverse_dynamics), METHOD(forward_dynamics, forward_dynamics),
@@ -1667,7 +1660,7 @@ static PyMethodDef methods[] = {
 
 static PyMethodDef functions[] = {
     METHOD(riccati_factors, riccati_factors), METHOD(riccati_solve, riccati_solve), METHOD(variances, variances),
-    METHOD(interior_point, interior_point), METHOD(least_squares, least_squares), METHOD(solve, solve),
+    METHOD(interior_point, interior_point), METHOD(cascade, cascade), METHOD(solve, solve),
     METHOD(shape_poses, shape_poses), METHOD(frame_kinematics, frame_kinematics), METHOD(pair_rows, pair_rows),
     METHOD(pair_bounds, pair_bounds),
     {NULL, NULL, 0, NULL},

@@ -1,56 +1,148 @@
-/* Programs of whole-body control; see task_hierarchy.py. Included at the
- * end of kernel.c. */
+/* Programs of whole-body control without active limits: the formulas of task_hierarchy.py. Included at the end of
+   kernel.c. */
 
-/* Inverse T (n, n) of the triangular factor in A (n, n + 1), and the right-hand side (n) before it; the norm of T, or
-   zero if the factor is singular. */
-static double invert_factor(const double *A, Py_ssize_t n, double *goal)
+#define DEPENDENT 1e-8   /* singular value, relative to the rows of the level, below which a direction is free */
+#define ATTAINED 1e-12   /* residual, relative to the rate, that is rounding; also the excess of a limit */
+#define LEAST_SHARE 1e-9 /* of a direction that lower levels may use, below which they do not see it */
+
+/* One level: its rows A^T (m, k) on the directions that are free become sigma u^T, and amounts (m) their products with
+   the rates (k). squares (m): sigma^2, zero for a direction that stays free. */
+typedef struct {
+    Py_ssize_t m, k, rows; /* k: with the rows of stiffness, which come after those of tasks */
+    double *A, *rate, *amounts, *squares, factor;
+    const double *curved; /* 1 for rows of tasks whose damping counts */
+} Level;
+
+/* Rotations that make the rows of A (m, k) orthogonal (Hestenes), also applied to V (m, n); rows that are rounding keep
+   their place. */
+static void orthogonalize(double *A, Py_ssize_t k, double *V, Py_ssize_t n, Py_ssize_t m)
 {
-    double square = 0.0, *T = goal + n;
-    memset(T, 0, (size_t)(n * n) * sizeof(double));
-    for (Py_ssize_t i = n - 1; i >= 0; i--) {
-        const double *factor = A + i * (n + 1);
-        double *row = T + i * n;
-        if (factor[i] == 0.0) return 0.0;
-        row[i] = 1.0, goal[i] = factor[n];
-        for (Py_ssize_t m = i + 1; m < n; m++)
-            for (Py_ssize_t j = m; j < n; j++) row[j] -= factor[m] * T[m * n + j];
-        for (Py_ssize_t j = i; j < n; j++) row[j] *= 1.0 / factor[i], square += row[j] * row[j];
+    double least = 1e-32 * dot(A, A, m * k);
+    int turned = 1;
+    for (int sweep = 0; sweep < 30 && turned; sweep++) {
+        turned = 0;
+        for (Py_ssize_t i = 1; i < m; i++)
+            for (Py_ssize_t j = 0; j < i; j++) {
+                double *x = A + i * k, *y = A + j * k, a = dot(x, x, k), b = dot(y, y, k), c = dot(x, y, k);
+                if (!(a > least && b > least && fabs(c) > 1e-15 * sqrt(a * b))) continue;
+                double theta = (b - a) / (2 * c), t = copysign(1 / (fabs(theta) + sqrt(theta * theta + 1)), theta);
+                double cosine = 1 / sqrt(t * t + 1);
+                rotate(x, y, cosine, t * cosine, k), rotate(V + i * n, V + j * n, cosine, t * cosine, n);
+                turned = 1;
+            }
+    }
+}
+
+/* Residual of the curved rows with a damping; its slope at zero if asked */
+static double residual(const Level *of, double added, int slope)
+{
+    double square = 0.0;
+    for (Py_ssize_t i = 0; i < of->rows; i++) {
+        double rest = slope ? 0.0 : of->rate[i];
+        for (Py_ssize_t j = 0; j < of->m; j++)
+            if (of->squares[j] > 0.0)
+                rest -= of->A[j * of->k + i] * of->amounts[j] / (of->squares[j] + added) / (slope ? of->squares[j] : 1);
+        square += of->curved[i] * rest * rest;
     }
     return sqrt(square);
 }
 
-/* Least squares as a least distance: rows (k, n) and desired values (k), whose singular values have to exceed a
-   threshold, damping, the threshold relative to all rows, record of the goal (n) and of T (n, n). With x = T y, the sum
-   of squares is |y - goal|^2 and a constant. False unless singular values certainly exceed both thresholds, or if the
-   arrays need the other path. */
-static int least_squares_by(Arrays *all, PyObject *const *args)
+/* As residual_damping in task_hierarchy.py */
+static double residual_damping(const Level *of)
 {
-    double *x[6], *A;
-    Py_ssize_t k = 0, n = 0;
-    if (!stacked(args[0], &k, &n) || n < 1 || n >= 255 || k < n) return 0;
-    Py_ssize_t sizes[] = {k * n, k, 0, 0, 0, n + n * n};
-    int ok = arrays_of(all, args, "ddfffw", sizes, x);
-    if (ok <= 0) return ok;
-    double least = *x[2], damping = *x[3], relative = *x[4], *goal = x[5];
-    Py_ssize_t w = n + 1;
-    if (!(A = memory_of(all, (k > 2 * n ? k : 2 * n) * w))) return -1;
-    for (Py_ssize_t i = 0; i < k; i++)
-        memcpy(A + i * w, x[0] + i * n, (size_t)n * sizeof(double)), A[i * w + n] = x[1][i];
-    triangularize(A, k, n);
-    /* The smallest singular value is at least the inverse of the norm of T; a NaN fails too. */
-    double size = invert_factor(A, n, goal), square = 0.0;
-    if (!(size > 0.0 && 1.0 > least * size)) return 0;
-    if (!(damping > 0.0)) return 1;
-    for (Py_ssize_t i = 0; i < n; i++) memset(A + i * w, 0, (size_t)i * sizeof(double)); /* below the diagonal */
-    memset(A + n * w, 0, (size_t)(n * w) * sizeof(double));
-    for (Py_ssize_t i = 0; i < n; i++) A[(n + i) * w + i] = damping;
-    for (Py_ssize_t i = 0; i < 2 * n; i++)
-        for (Py_ssize_t j = 0; j < n; j++) square += A[i * w + j] * A[i * w + j];
-    triangularize(A, 2 * n, n);
-    size = invert_factor(A, n, goal);
-    return size > 0.0 && 1.0 > relative * sqrt(square) * size;
+    double most = 0.0, low = 0.0, before = 0.0, at_before = 0.0;
+    for (Py_ssize_t i = 0; i < of->rows; i++) most += of->curved[i] * of->rate[i] * of->rate[i];
+    if (residual(of, 0.0, 0) <= ATTAINED * sqrt(most)) at_before = 1 / fmax(of->factor * residual(of, 0.0, 1), 1e-300);
+    double high = of->factor * sqrt(most), now = high;
+    if (at_before >= 1.0 || !(high > 0.0)) return 0.0;
+    for (int iteration = 0; iteration < 20; iteration++) {
+        double at_now = now / fmax(of->factor * residual(of, now, 0), 1e-300), rise = at_now - at_before;
+        if (fabs(at_now - 1.0) <= 1e-6 || (at_now < 1.0 && now >= high)) return now;
+        if (at_now < 1.0) low = now;
+        else high = now;
+        double ahead = rise != 0.0 ? now + (1.0 - at_now) * (now - before) / rise : low;
+        before = now, at_before = at_now, now = ahead > low && ahead < high ? ahead : now / at_now;
+    }
+    return high;
 }
-FUNCTION(least_squares, 6)
+
+/* Rows (k, n) of all levels, their rates (k), 1 for curved rows (k), ends of the levels and damping over residual of
+   each (levels), limits (l, n) with lower and upper bounds (l), and the unknowns (n). False if a limit is active, or if
+   the arrays need the other path. */
+static int cascade_by(Arrays *all, PyObject *const *args)
+{
+    Py_ssize_t k = 0, n = 0, l = 0, other = 0, levels = 0;
+    double *x[9], *Z, *next, *stiffness, *rate, *A, *amounts, *squares, *along;
+    if (!stacked(args[0], &k, &n) || !stacked(args[3], &other, &levels) || !stacked(args[5], &l, &other)) return 0;
+    Py_ssize_t sizes[] = {k * n, k, k, levels, levels, l * n, l, l, n}, most = k + n, m = n, first = 0;
+    int ok = n < 255 ? arrays_of(all, args, "dddiddddw", sizes, x) : 0;
+    if (ok <= 0) return ok;
+    if (!allocate(&all->memory, &Z, n * n, &next, n * n, &stiffness, n, &rate, most, &A, n * most, &amounts, n,
+                  &squares, n, &along, n, NULL))
+        return -1;
+    const long *ends = (const long *)x[3];
+    double *kept = x[8];
+    memset(kept, 0, (size_t)n * sizeof(double));
+    for (Py_ssize_t j = 0; j < n; j++) Z[j * n + j] = 1.0;
+    for (Py_ssize_t level = 0; level < levels && m; first = ends[level++]) {
+        Py_ssize_t rows = ends[level] - first, stiff = 0;
+        const double *J = x[0] + first * n;
+        if (rows < 0 || ends[level] > k) return 0;
+        for (Py_ssize_t j = 0; j < m; j++) stiff = stiffness[j] > 0.0 ? m : stiff;
+        Level of = {m, rows + stiff, rows, A, rate, amounts, squares, x[4][level], x[2] + first};
+        double norm = 0.0, added = 0.0, speed = 0.0, size = fmax(sqrt(dot(J, J, rows * n)), 1e-100);
+        for (Py_ssize_t i = 0; i < rows; i++) {
+            rate[i] = x[1][first + i] - dot(J + i * n, kept, n);
+            for (Py_ssize_t j = 0; j < m; j++) {
+                double entry = A[j * of.k + i] = dot(J + i * n, Z + j * n, n);
+                norm += entry * entry;
+            }
+        }
+        norm = fmax(sqrt(norm), 1e-100);
+        for (Py_ssize_t i = 0; i < stiff; i++) {
+            rate[rows + i] = 0.0;
+            for (Py_ssize_t j = 0; j < m; j++) A[j * of.k + rows + i] = i == j ? norm * stiffness[i] : 0.0;
+        }
+        orthogonalize(A, of.k, Z, n, m);
+        for (Py_ssize_t j = 0; j < m; j++) {
+            double square = dot(A + j * of.k, A + j * of.k, of.k);
+            squares[j] = sqrt(square) > DEPENDENT * size ? square : 0.0, amounts[j] = dot(A + j * of.k, rate, of.k);
+        }
+        if (of.factor > 0.0) added = residual_damping(&of);
+        for (Py_ssize_t j = 0; j < m; j++)
+            if (squares[j] > 0.0) add(kept, amounts[j] / (squares[j] + added), Z + j * n, n);
+        for (Py_ssize_t i = 0; i < l; i++) {
+            double reached = dot(x[5] + i * n, kept, n), room = 1.0;
+            for (Py_ssize_t j = 0; j < n; j++) room += fabs(x[5][i * n + j]);
+            if (!(reached <= x[7][i] + ATTAINED * room && reached >= x[6][i] - ATTAINED * room)) return 0;
+        }
+        for (Py_ssize_t below = level + 1, i = ends[level]; below < levels && added > 0.0; below++) {
+            double largest = 0.0, whole = 0.0;
+            memset(along, 0, (size_t)m * sizeof(double));
+            for (; i < ends[below]; i++) {
+                double square = 0.0, left = x[1][i] - dot(x[0] + i * n, kept, n);
+                for (Py_ssize_t j = 0; j < m; j++) {
+                    double entry = dot(x[0] + i * n, Z + j * n, n);
+                    along[j] += left * entry, square += entry * entry;
+                }
+                largest = fmax(largest, square), whole += dot(x[0] + i * n, x[0] + i * n, n);
+            }
+            if (largest > DEPENDENT * DEPENDENT * whole) speed += sqrt(dot(along, along, m)) / largest;
+        }
+        Py_ssize_t left = 0;
+        for (Py_ssize_t j = 0; j < m; j++) {
+            double near = 1.0 - sqrt(squares[j]) / fmax(2.0 * of.factor * speed, 1e-300), share = 1.0;
+            if (squares[j] > 0.0) share = added / (squares[j] + added) * fmax(0.0, near);
+            if (!(share > LEAST_SHARE)) continue;
+            for (Py_ssize_t i = 0; i < n; i++) next[left * n + i] = sqrt(share) * Z[j * n + i];
+            stiffness[left++] = sqrt(1.0 - share);
+        }
+        memcpy(Z, next, (size_t)(left * n) * sizeof(double));
+        m = left;
+    }
+    return 1;
+}
+FUNCTION(cascade, 9)
 
 /* x with A x = b for A (n, n), b (n) or columns (n, k), and a number: by Cholesky's factor if it is not zero, otherwise
    by the inverse. False if neither exists, or if the arrays need the other path. */
@@ -62,7 +154,7 @@ static int solve_by(Arrays *all, PyObject *const *args)
     Py_ssize_t sizes[] = {n * n, rows * k, 0, rows * k}, columns = rows * k / n;
     int ok = arrays_of(all, args, "ddfw", sizes, x);
     if (ok <= 0) return ok;
-    if (!(work = memory_of(all, 2 * n * n))) return -1;
+    if (!allocate(&all->memory, &work, 2 * n * n, NULL)) return -1;
     if (*x[2] == 0.0) {
         ok = invert(x[0], work, work + n * n, n);
         if (ok) multiply(work, n, x[1], columns, x[3], n, n, columns);

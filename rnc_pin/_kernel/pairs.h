@@ -38,7 +38,7 @@ static int pair_bounds_by(Arrays *all, PyObject *const *args)
     int ok = arrays_of(all, args, "dddddiw", sizes, x);
     const long *end = (const long *)x[5];
     if (ok <= 0 || !all_within(end, 2 * K, s)) return ok < 0 ? -1 : 0;
-    if (!(moved = memory_of(all, s))) return -1;
+    if (!allocate(&all->memory, &moved, s, NULL)) return -1;
     for (Py_ssize_t i = 0; i < s; i++) {
         double turn = 0.0, shift = 0.0;
         for (Py_ssize_t j = 9 * i; j < 9 * i + 9; j++) turn += (x[0][j] - x[2][j]) * (x[0][j] - x[2][j]);

@@ -67,13 +67,14 @@ static int same(const double *x, Py_ssize_t n) { return !n || !memcmp(x - n, x, 
 static PyObject *planned_steps(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = -1};
-    double *x[5], *shift;
+    double *x[5], *shift, *q_at, *w_at, *first;
     Form of;
     if (!expect(ev, given, 6) || !take_form(ev, args[0], &of)) return NULL;
     Py_ssize_t nq = ev->nq, nw = of.nw, nu = of.nu, sizes[] = {nq, nw, nu, 1, nq + nw};
-    if (!take_sized(&all, args + 1, sizes, 5, 1, x) || !(shift = memory_of(&all, 2 * ev->n + nq + 2 * nw)))
+    if (!take_sized(&all, args + 1, sizes, 5, 1, x)
+        || !allocate(&all.memory, &shift, ev->n, &q_at, nq, &w_at, nw, &first, ev->n + nw, NULL))
         return result(&all, -1);
-    double *q_at = shift + ev->n, *w_at = q_at + nq, *first = w_at + nw, *out = x[4];
+    double *out = x[4];
     int ok = plannable(ev, x[2], all.count * nu);
     for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, out += nq + nw) {
         const double *q = x[0] + i * nq, *w = x[1] + i * nw, *u = x[2] + i * nu;
@@ -171,11 +172,10 @@ static PyObject *planned_derivatives(Evaluator *ev, PyObject *const *args, Py_ss
     if (!expect(ev, given, 8) || !prepare_derivatives(ev) || !take_form(ev, args[0], &of)) return NULL;
     Py_ssize_t n = ev->n, nq = ev->nq, r = ev->r, size = derivatives_size(ev), nw = of.nw, nu = of.nu, nx = n + nw;
     Py_ssize_t columns = nx + nu + 1, sizes[] = {nq, nw, nu, 1, size, nq + nw, nx * columns};
-    double **parts[] = {&none, &second, &flow, &shift, &q_at, &w_at, &by_middle, &slopes};
-    Py_ssize_t of_parts[] = {ev->p, size, n + r, n, nq, nw, nx * columns, nx * columns};
-    if (!take_sized(&all, args + 1, sizes, 7, 3, x) || !memory_of(&all, divide(NULL, parts, of_parts, 8)))
+    if (!take_sized(&all, args + 1, sizes, 7, 3, x)
+        || !allocate(&all.memory, &none, ev->p, &second, size, &flow, n + r, &shift, n, &q_at, nq, &w_at, nw,
+                     &by_middle, nx * columns, &slopes, nx * columns, NULL))
         return result(&all, -1);
-    divide(all.memory, parts, of_parts, 8);
     int ok = plannable(ev, x[2], all.count * nu) && r && ev->curved;
     double *after = x[5], *out = x[6];
     for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, out += nx * columns, after += nq + nw) {
@@ -214,6 +214,7 @@ static PyObject *planned_motion(Evaluator *ev, PyObject *const *args, Py_ssize_t
 {
     Arrays all = {.count = 1};
     double *q, *w, *u, *gains, *planned, *limits, *first, *second, *out;
+    double *q_now, *w_now, *q_at, *w_at, *shift, *dx, *first_flow;
     int ok = -1;
     Form of;
     if (!expect(ev, given, 14) || !take_form(ev, args[0], &of)) return NULL;
@@ -221,14 +222,13 @@ static PyObject *planned_motion(Evaluator *ev, PyObject *const *args, Py_ssize_t
     double h = PyFloat_AsDouble(args[3]);
     if (PyErr_Occurred() || !within((long)K, 1 << 20) || !within((long)steps, 1 << 20)) return NULL;
     Py_ssize_t nw = of.nw, nu = of.nu, nx = n + nw, row = nq + nw + nu;
-    double *work = memory_of(&all, 2 * nq + 3 * nw + 2 * n + nx);
-    if (!work) return NULL;
+    if (!allocate(&all.memory, &q_now, nq, &w_now, nw, &q_at, nq, &w_at, nw, &shift, n, &dx, nx, &first_flow, n + nw,
+                  NULL))
+        return NULL;
     if (take(&all, args[4], nq, READ, &q) && take(&all, args[5], nw, READ, &w) && take(&all, args[6], K * nu, READ, &u)
         && optional(&all, args[7], K * nu * nx, &gains) && optional(&all, args[8], K * steps * (nq + nw), &planned)
         && take(&all, args[9], 2 * nu, READ, &limits) && take(&all, args[11], nq, WRITE, &first)
         && take(&all, args[12], nq, WRITE, &second) && take(&all, args[13], K * steps * row, WRITE, &out)) {
-        double *q_now = work, *w_now = q_now + nq, *q_at = w_now + nw, *w_at = q_at + nq, *shift = w_at + nw,
-               *dx = shift + n, *first_flow = dx + nx;
         ok = plannable(ev, u, K * nu) && (!gains || planned);
         memcpy(q_now, q, (size_t)nq * sizeof(double));
         memcpy(w_now, w, (size_t)nw * sizeof(double));

@@ -82,16 +82,9 @@ WIDE static void multiply_slopes(const double *a, const double *b, double *out, 
 WIDE static int inverse_of_positive(const double *M, Py_ssize_t step, Py_ssize_t n, double *out, double *work)
 {
     if (!cholesky(M, step, 1, work, n)) return 0;
-    for (Py_ssize_t i = 0; i < n; i++) {
-        memset(out + i * n, 0, (size_t)n * sizeof(double));
-        out[i * n + i] = 1;
-        for (Py_ssize_t j = 0; j < i; j++) add(out + i * n, -work[i * n + j], out + j * n, j + 1);
-        for (Py_ssize_t j = 0; j <= i; j++) out[i * n + j] /= work[i * n + i];
-    }
-    for (Py_ssize_t i = n; i-- > 0;) {
-        for (Py_ssize_t j = i + 1; j < n; j++) add(out + i * n, -work[j * n + i], out + j * n, n);
-        for (Py_ssize_t j = 0; j < n; j++) out[i * n + j] /= work[i * n + i];
-    }
+    memset(out, 0, (size_t)(n * n) * sizeof(double));
+    for (Py_ssize_t i = 0; i < n; i++) out[i * n + i] = 1;
+    solve_cholesky(work, out, n, n);
     return 1;
 }
 
@@ -226,7 +219,8 @@ static int variances_by(Arrays *all, PyObject *const *args)
     if (!stages(args, counts, 4)) return -1;
     Py_ssize_t N = counts[0], nx = counts[1], nz = counts[2], nu = nz - nx, k = counts[3];
     Py_ssize_t sizes[] = {N * nx * nz, (N + 1) * k * nx, (N + 1) * k * nu, nu, (N + 1) * k, (N + 1) * nx};
-    if (!take_sized(all, args + 4, sizes, 6, 2, x) || !(work = memory_of(all, 2 * nx * nx + nx * nz))) return -1;
+    if (!take_sized(all, args + 4, sizes, 6, 2, x) || !allocate(&all->memory, &work, 2 * nx * nx + nx * nz, NULL))
+        return -1;
     spread_stages(N, nx, nz, k, x[0], x[1], x[2], x[3], x[4], x[5], work);
     return 1;
 }
@@ -241,7 +235,8 @@ static int riccati_factors_by(Arrays *all, PyObject *const *args)
     if (!stages(args, counts, 3)) return -1;
     Py_ssize_t N = counts[0], nx = counts[1], nz = counts[2], nu = nz - nx;
     Py_ssize_t sizes[] = {N * nx * nz, N * nz * nz, (N + 1) * nx * nx, N * nu * nx, N * nu * nu};
-    if (!take_sized(all, args + 3, sizes, 5, 3, x) || !(work = memory_of(all, recursion_work(nx, nz, 0)))) return -1;
+    if (!take_sized(all, args + 3, sizes, 5, 3, x) || !allocate(&all->memory, &work, recursion_work(nx, nz, 0), NULL))
+        return -1;
     return factorize_stages(N, nx, nz, x[0], x[1], x[2], x[3], x[4], work);
 }
 FUNCTION(riccati_factors, 8)
@@ -256,7 +251,8 @@ static int riccati_solve_by(Arrays *all, PyObject *const *args)
     Py_ssize_t N = counts[0], nx = counts[1], nz = counts[2], m = counts[3], nu = nz - nx;
     Py_ssize_t sizes[] = {N * nx * nz, N * nu * nx,      N * nu * nu, (N + 1) * nx * nx, N * nz * m,
                           N * nx * m,  (N + 1) * nx * m, N * nz * m,  (N + 1) * nx * m};
-    if (!take_sized(all, args + 4, sizes, 9, 3, x) || !(work = memory_of(all, recursion_work(nx, nz, m)))) return -1;
+    if (!take_sized(all, args + 4, sizes, 9, 3, x) || !allocate(&all->memory, &work, recursion_work(nx, nz, m), NULL))
+        return -1;
     solve_stages(N, nx, nz, m, x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], work);
     add_costates(N, nx, m, x[3], x[8], x[6]);
     return 1;
@@ -411,22 +407,12 @@ static int interior_point_by(Arrays *all, PyObject *const *args)
     Bounded b = {N, nx, nz, k, NULL, NULL, NULL, numbers[0], x[0], x[1], x[2], x[3], x[4], x[5], x[7], x[8]};
     Point at = {x[10], x[11], x[12], x[13]}, step;
     Newton n = {.p = x[14]};
-    double **parts[] = {&step.z,   &step.s,  &step.e,   &step.y, &n.W,       &n.primal, &n.g,
-                        &n.gap,    &n.H,     &n.P,      &n.K,    &n.inverse, &n.first,  &n.second,
-                        &n.offset, &n.slope, &n.states, &n.work, &entry,     &start};
-    Py_ssize_t sizes[] = {(N + 1) * nz, rows,
-                          rows,         rows,
-                          rows,         rows,
-                          (N + 1) * nz, N * nx,
-                          N * nz * nz,  (N + 1) * nx * nx,
-                          N * nu * nx,  N * nu * nu,
-                          rows,         rows,
-                          rows,         (N + 1) * nz,
-                          (N + 1) * nx, recursion_work(nx, nz, 1),
-                          entries,      rows + 1 + entries};
-    size_t count = sizeof sizes / sizeof *sizes;
-    if (!memory_of(all, divide(NULL, parts, sizes, count))) return -1;
-    divide(all->memory, parts, sizes, count);
+    if (!allocate(&all->memory, &step.z, (N + 1) * nz, &step.s, rows, &step.e, rows, &step.y, rows, &n.W, rows,
+                  &n.primal, rows, &n.g, (N + 1) * nz, &n.gap, N * nx, &n.H, N * nz * nz, &n.P, (N + 1) * nx * nx, &n.K,
+                  N * nu * nx, &n.inverse, N * nu * nu, &n.first, rows, &n.second, rows, &n.offset, rows, &n.slope,
+                  (N + 1) * nz, &n.states, (N + 1) * nx, &n.work, recursion_work(nx, nz, 1), &entry, entries, &start,
+                  rows + 1 + entries, NULL))
+        return -1;
     b.entry = entry, b.start = (Py_ssize_t *)start, b.column = b.start + rows + 1;
     entries = 0;
     for (Py_ssize_t i = 0; i < rows; i++) {

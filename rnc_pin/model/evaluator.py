@@ -139,6 +139,16 @@ class Evaluator:
             raise InputError("v2 is missing: expected the reduced velocity")
         return found
 
+    def vertical_outputs(self, at: ConfigurationEvaluation) -> tuple[Array, Array]:
+        """Jacobian J1 (k, nv) and values x1 (k,) at one configuration, which another reduction has evaluated."""
+        kernel, data, known = self.kernel, self.data, at.compiled_kinematics
+        if kernel is not None and known is not None and not kernel.python_values[1]:
+            J1, values = np.empty((data.vertical.size, data.n)), np.empty(data.r + data.vertical.size)
+            if kernel.calls.outputs(at.q, known, J1, values):
+                return J1, values[data.r :]
+        here = at.in_reduction(self)
+        return here.J1, here.outputs()[0]
+
     def measured(self, q: Array, v: Array, t: float | None = None) -> StateEvaluation:
         """Evaluate one validated state (nq,), (nv,) with all that a measurement needs."""
         kernel = self.kernel

@@ -165,6 +165,10 @@ class ArraysAtV:
         """Reduced acceleration (..., r) under generalized forces (..., nv), passive ones included."""
         return None
 
+    def input_accelerations(self, B: Array) -> tuple[Array, Array] | None:
+        """Reduced accelerations (r, p) of unit inputs, and those (r,) without any force, at one state."""
+        return None
+
 
 NOTHING_AT_Q, _NOTHING_AT_V = ArraysAtQ(), ArraysAtV()
 
@@ -377,6 +381,12 @@ class CompiledArraysAtV(ArraysAtV):
             return None
         v2_dot = np.empty((*at.batch, self._kernel.data.r))
         return v2_dot if self._calls.accelerate(at.inverse, self.biases, np.ascontiguousarray(force), v2_dot) else None
+
+    def input_accelerations(self, B: Array) -> tuple[Array, Array] | None:
+        """Reduced accelerations (r, p) of unit inputs, and those (r,) without any force; None if H is singular."""
+        r = self._kernel.data.r
+        found = np.empty((r, B.shape[-1])), np.empty(r)
+        return found if self._calls.input_accelerations(self.at_q.inverse, self.biases, B, *found) else None
 
     @property
     def passive_sums(self) -> ForceSums | None:

@@ -318,12 +318,15 @@ class StateEvaluation(ConfigurationEvaluation):
         """Accelerations of the reducing outputs under actuator inputs T (..., p)."""
         return self.accelerated(self._total_force(T, None))
 
-    def row_accelerations(self, rows: Array) -> tuple[Float[Array, "k p"], Float[Array, " k"]]:
-        """Accelerations ``rows v2_dot`` (k, r) that unit inputs add, and those without inputs, at one state."""
-        solved = solve_positive_definite_columns(self.H, rows.T)
-        if solved is None:
+    @cached_property
+    def input_accelerations(self) -> tuple[Float[Array, "r p"], Float[Array, " r"]]:
+        """Reduced accelerations that unit inputs add, and those without inputs, at one state."""
+        if not self._data.forces and (filled := self.arrays_at_v.input_accelerations(self.B)) is not None:
+            return filled
+        right = np.column_stack([self.input_matrix, self.unforced @ self.R])
+        if (solved := solve_positive_definite_columns(self.H, right)) is None:
             raise DivergenceError("reduced acceleration is not finite: H is not positive definite")
-        return solved.T @ self.input_matrix, solved.T @ (self.unforced @ self.R)
+        return solved[:, :-1], solved[:, -1]
 
     def v_dot(self, v2_dot: Array) -> Float[Array, "*batch nv"]:
         """Full acceleration ``R v2_dot + Rdot v2 + b_dot`` for a reduced acceleration (..., r)."""

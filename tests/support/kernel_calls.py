@@ -187,7 +187,7 @@ CALLS = {
     "riccati_solve": (riccati, 1e-9),
     "variances": (sizes_of_rows, 1e-12),
     "interior_point": (programs_in_stages, 1e-9),
-    "least_squares": (programs, 1e-10),
+    "cascade": (programs, 1e-10),
     "solve": (lambda: [solve(np.eye(3) + 1.0, np.arange(3.0)), inverse(np.eye(3) + 1.0)], 1e-14),
     "frame_kinematics": (frames, 1e-13),
     "shape_poses": (distances, 1e-13),

@@ -237,7 +237,7 @@ class PlanFeedback(ReprMixin):
                 wanted += [(k, rate * (sides - v2[k])) for k, sides in speeds]
                 free = np.r_[zero, at.J1 @ at.v_dot(zero) + at.J1_dot @ at.v]
             if model.form == "dynamic":
-                rows, passive = at.row_accelerations(rows)
+                rows, passive = (rows @ each for each in at.input_accelerations)
                 free += passive
             for k, sides in wanted * _SWEEPS:
                 now = rows[k] @ u

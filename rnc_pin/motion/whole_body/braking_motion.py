@@ -111,7 +111,6 @@ class Braking:
     ) -> None:
         self._reduced, self._limits, self._contacts, self._ahead = reduced, limits, contacts, ahead
         self._names, self._dt, self._longest = names, dt, longest
-        self._identity = np.eye(reduced.r)
         self._late = f"the robot does not come to rest within {longest:g} s"
         self._efforts = np.minimum(reduced.actuation.limits, _INFINITE)
 
@@ -149,8 +148,10 @@ class Braking:
 
         if kept is None and state.failed is not None and np.abs(now - state.failed).max() <= 1.0:
             return planned, state._replace(unverified=state.unverified.and_one(t, state.unverified.reason))
-        if kept is not None and not self._continues(kept, start):
-            kept, before = None, np.maximum(before, self.exceeded(start, t))
+        if kept is not None:  # a motion that starts elsewhere is no longer verified
+            apart = pin.difference(self._reduced.robot.model, kept.q, start.q), start.v2 - kept.v2
+            if not np.abs(np.concatenate(apart)).max() <= _SAME:
+                kept, before = None, np.maximum(before, self.exceeded(start, t))
         together, share, eased = kept is None or kept.together, state.share, planned
         if kept is not None and share < 1.0:
             eased = under(kept.inputs[0] + share * (planned.T - kept.inputs[0]))
@@ -158,7 +159,8 @@ class Braking:
         if after.problem is None:
             braked = state.braked if eased is planned else state.braked.and_one(t, state.braked.reason)
             return eased, state._replace(kept=after, failed=None, share=min(1.0, share + _EASED), braked=braked)
-        if self._excludes_rest(rows):
+        asked = np.maximum(rows.lower, -rows.upper)[~self._limits.judged_by_rows[rows.places]]
+        if (asked > _BEYOND).any():  # limits ask for motion: an obstacle comes nearer, or the robot is beyond a limit
             return unverified(after.problem)
         braked = state.braked.and_one(t, after.problem)
         if kept is None:
@@ -259,7 +261,7 @@ class Braking:
 
         Inputs that stop all joints within a time h are ``load + impulse / h``.
         """
-        effects, adverse = state.row_accelerations(self._identity)
+        effects, adverse = state.input_accelerations
         p = self._reduced.p
         ground, upper = contacts.rows, contacts.upper - _GROUND * np.abs(contacts.upper)
         inverted = inverse(effects) if p == len(effects) else np.linalg.pinv(effects)
@@ -286,7 +288,7 @@ class Braking:
         """True unless limits that rows judge, such as those of accelerations, exclude rest after some samples."""
         if not self._limits.judged_by_rows.any():
             return True
-        sample = ControlSample(self._reduced, t, state.q, state.v2, held * self._dt)
+        sample = ControlSample(self._reduced, t, state.q, state.v2, held * self._dt, state)
         motion = self._limits.rows(sample, braking=True)
         room = self._spare(motion)
         return bool((motion.lower + room <= 0.0).all() and (motion.upper - room >= 0.0).all())
@@ -300,7 +302,7 @@ class Braking:
         self, effects: Array, adverse: Array, h: float, state: StateEvaluation, t: float, ground: Array, above: Array
     ) -> Array:
         """Inputs that leave the least kinetic energy after a time h within efforts, ground and the rows of limits."""
-        motion = self._limits.rows(ControlSample(self._reduced, t, state.q, state.v2, h), braking=True)
+        motion = self._limits.rows(ControlSample(self._reduced, t, state.q, state.v2, h, state), braking=True)
         offset = state.v2 / h + adverse
         p, size = self._reduced.p, ground.shape[1]
         metric = state.input_matrix.T @ effects
@@ -331,7 +333,8 @@ class Braking:
         h = count * self._dt
         end = self._reduced.at(q, v2, t=t + h)
         mean = np.asarray(pin.difference(self._reduced.robot.model, start.q, q)) / h
-        sample = ControlSample(self._reduced, t, start.q, start.v2, h) if self._limits.judged_by_rows.any() else None
+        by_rows = self._limits.judged_by_rows.any()
+        sample = ControlSample(self._reduced, t, start.q, start.v2, h, start) if by_rows else None
         return end, self.exceeded(end, t + h, sample, mean)
 
     def _ground_problem(self, decided: list[tuple[Array, Array, Array]], allowed: Array) -> str | None:
@@ -342,16 +345,6 @@ class Braking:
         excess = np.zeros(len(self._names))
         excess[len(self._names) - len(self._contacts.names) :] = self._contacts.excess(self._reduced.at(q, v=v), T)
         return self._broken(excess, allowed)
-
-    def _continues(self, kept: BrakingMotion, start: StateEvaluation) -> bool:
-        """True if a state is the one that a motion starts from."""
-        apart = pin.difference(self._reduced.robot.model, kept.q, start.q)
-        return max(np.abs(apart).max(initial=0.0), np.abs(start.v2 - kept.v2).max(initial=0.0)) <= _SAME
-
-    def _excludes_rest(self, rows: LimitRows) -> bool:
-        """True if limits ask for motion: an obstacle comes nearer, or the robot is beyond a limit."""
-        asked = np.maximum(rows.lower, -rows.upper)
-        return bool((asked[~self._limits.judged_by_rows[rows.places]] > _BEYOND).any())
 
     def _after(
         self, t: float, reached: BrakedSample, before: Array, ground: ContactBounds, together: bool

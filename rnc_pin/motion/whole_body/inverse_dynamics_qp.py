@@ -20,7 +20,7 @@ from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.motion.whole_body.braking_motion import BrakedSample, Braking, BrakingState
 from rnc_pin.motion.whole_body.limit_stack import ContactBounds, ContactCones, ProgramBounds
 from rnc_pin.motion.whole_body.limits.control_limit import ControlLimit, ControlSample, LimitRows
-from rnc_pin.motion.whole_body.task_hierarchy import RelaxedSolution, SampledDamping, TaskLevel, lever_sum, solve_within
+from rnc_pin.motion.whole_body.task_hierarchy import RelaxedSolution, SampledDamping, TaskLevel, solve_within
 from rnc_pin.motion.whole_body.tasks import ControlTask
 from rnc_pin.motion.whole_body.whole_body_program import SampleCount, WholeBodyProgram
 from rnc_pin.verdict import SHORTFALL, Finding, FindingKind, Severity
@@ -248,10 +248,7 @@ class InverseDynamicsQP(WholeBodyProgram):
     ) -> tuple[_SampleProgram, InputSolution]:
         """Program of one sample, and its solution."""
         program = self._program(t, q, v2)
-        now = ControlSample(self._reduced, t, q, v2, 0.0)
-        levels, levers = self._levels(now, program)
-        sampled = SampledDamping(self.dt, levers, self._curved)
-        return program, self._solved(program, levels, multipliers, sampled)
+        return program, self._solved(program, *self._levels(t, program), multipliers)
 
     def braking_problem(self, t: float, q: Array, v2: Array) -> str | None:
         """Return what the braking motion from a state does not keep; None if all limits hold until rest.
@@ -303,7 +300,7 @@ class InverseDynamicsQP(WholeBodyProgram):
         state, p = sample.start, self._reduced.p
         contacts = self._contacts.at(state)
         gain = np.zeros((self._reduced.r, p + contacts.unknowns))
-        effects, adverse = state.row_accelerations(np.eye(self._reduced.r))
+        effects, adverse = state.input_accelerations
         gain[:, :p], offset = self.dt * effects, state.v2 + self.dt * adverse
         motion, inputs = _unknowns(gain, p)
         moved = motion.T @ offset
@@ -311,7 +308,7 @@ class InverseDynamicsQP(WholeBodyProgram):
         return _SampleProgram(sample, self._limits.rows(sample), contacts, motion, still, inputs, resting)
 
     def _solved(
-        self, program: _SampleProgram, levels: list[TaskLevel], multipliers: Array | None, sampled: SampledDamping
+        self, program: _SampleProgram, levels: list[TaskLevel], sampled: SampledDamping, multipliers: Array | None
     ) -> InputSolution:
         """Solve the levels within the limits, which hold for the velocity that the dynamics give at the end."""
         sample, rows = program.sample, program.rows
@@ -326,7 +323,8 @@ class InverseDynamicsQP(WholeBodyProgram):
 
         found = best = solved(motion, multipliers, (), False)
         least, best_end, averaged = np.inf, None, self._limits.averaged[motion.places]
-        for _ in range(_CORRECTIONS + 1 if len(motion.lower) and not found.unsolved else 0):
+        settled = found.unsolved or self._far_from_limits(program, motion, found.unknowns)
+        for _ in range(0 if settled else _CORRECTIONS + 1):
             end = self._end(state, self._inputs(program, found.unknowns))
             reached = rows.jacobian @ end.v
             mean = np.where(averaged, rows.jacobian @ self._mean_velocity(state, end), reached)
@@ -353,6 +351,20 @@ class InverseDynamicsQP(WholeBodyProgram):
         T = np.clip(self._inputs(program, found.unknowns), -largest, largest)  # the solver's rounding is no effort
         v2 = program.still + program.motion @ found.unknowns
         return InputSolution(T, v2, found.multipliers, found.excess, best_end, found.unsolved)
+
+    def _far_from_limits(self, program: _SampleProgram, motion: ProgramBounds, unknowns: Array) -> bool:
+        """True if the motion of the dynamics keeps the limits for certain; then it need not be integrated.
+
+        The program takes the acceleration at the start. The one at the end tells by how much a velocity deviates from
+        it, to second order. Limits that are farther than twice this and the whole change in the sample are kept.
+        """
+        sample, T = program.sample, self._inputs(program, unknowns)
+        velocity = program.still + program.motion @ unknowns
+        later = self._reduced.evaluator.forward_dynamics(sample.end.q, velocity, T, sample.time)
+        step = velocity - sample.start.v2
+        reached, change, deviation = np.array([velocity, step, self.dt * later - step]) @ motion.rows.T
+        room = np.minimum(motion.upper - reached, reached - motion.lower)
+        return bool((room >= np.abs(change) + np.abs(deviation)).all())
 
     def _inputs(self, program: _SampleProgram, unknowns: Array) -> Array:
         """Inputs T (p,) of unknowns."""
@@ -407,19 +419,16 @@ class InverseDynamicsQP(WholeBodyProgram):
         exceeded[ground] = found.excess[ground]
         return BrakedSample(found.T, end.q, end.v2, exceeded)
 
-    def _levels(self, now: ControlSample, program: _SampleProgram) -> tuple[list[TaskLevel], list[float]]:
-        """Tasks on the unknowns, and their levers; the last level brings the rest of the motion to rest."""
-        sample = program.sample
-        v2, decay = sample.start.v2, self._decay
-        rest = TaskLevel(np.eye(len(v2)), decay * v2)
-        found = []
-        for before, after in zip(self._tasks.at(now), self._tasks.at(sample), strict=True):
-            error = before.jacobian @ v2 - before.rate
-            found.append(TaskLevel(after.jacobian, after.rate + decay * error))
-        levers = [lever_sum(each.jacobian, curved) for each, curved in zip(found, self._tasks.curved, strict=True)]
-        found.append(rest)
-        levels = [TaskLevel(J @ program.motion, rate - J @ program.still) for J, rate in found]
-        return levels, [*levers, 0.0]
+    def _levels(self, t: float, program: _SampleProgram) -> tuple[list[TaskLevel], SampledDamping]:
+        """Tasks on the unknowns, and their damping; the last level brings the rest of the motion to rest."""
+        start, decay = program.sample.start, self._decay
+        v2, now = start.v2, ControlSample(self._reduced, t, start.q, start.v2, 0.0, start)
+        before, (J, rate) = self._tasks.at(now), self._tasks.at(program.sample)
+        rate = rate + decay * (before.jacobian @ v2 - before.rate)
+        levels = self._tasks.divided(J @ program.motion, rate - J @ program.still)
+        rest = TaskLevel(program.motion, decay * v2 - program.still)
+        sampled = self._tasks.damping(self.dt, J)
+        return [*levels, rest], sampled._replace(levers=[*sampled.levers, 0.0], curved=self._curved)
 
     def _bounds(self, limits: ProgramBounds, program: _SampleProgram) -> ProgramBounds:
         """Limits of motion, of efforts and of the ground, on the unknowns."""

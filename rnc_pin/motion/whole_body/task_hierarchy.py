@@ -75,8 +75,7 @@ class SampledDamping(NamedTuple):
 
 def lever_sum(jacobian: Float[Array, "k r"], curved: Bool[Array, " k"]) -> float:
     """Return the sum of the norms of the columns of the curved rows."""
-    jacobian = jacobian[curved]
-    return float(np.sqrt(np.einsum("kr,kr->r", jacobian, jacobian)).sum())
+    return float(np.sqrt(curved @ (jacobian * jacobian)).sum())
 
 
 def residual_damping(
@@ -166,8 +165,8 @@ class TaskStack:
         self._others = [(each, places[k]) for k, each in enumerate(self.bound) if not isinstance(each, BoundOutput)]
         self._nv, self._affine = reduced.n, reduced.affine
 
-    def at(self, sample: ControlSample) -> list[TaskLevel]:
-        """Return the levels at the end of a sample."""
+    def at(self, sample: ControlSample) -> TaskLevel:
+        """Return the rows of all levels at the end of a sample."""
         roots = self._roots
         J, rate = np.empty((len(roots), self._nv)), np.empty(len(roots))
         if self._outputs is not None:
@@ -176,8 +175,21 @@ class TaskStack:
             J[where], rate[where] = bound.rows(sample)
         if self._affine:
             rate = rate - J @ sample.end.b
-        weighted, rate = roots[:, None] * (J @ sample.end.R), roots * rate
-        return [TaskLevel(weighted[part], rate[part]) for part in self._parts]
+        return TaskLevel(roots[:, None] * (J @ sample.end.R), roots * rate)
+
+    def divided(self, jacobian: Float[Array, "k x"], rate: Float[Array, " k"]) -> list[TaskLevel]:
+        """Return the levels of rows on any unknowns."""
+        return [TaskLevel(jacobian[part], rate[part]) for part in self._parts]
+
+    def damping(self, dt: float, jacobian: Float[Array, "k r"]) -> SampledDamping:
+        """Return the damping of all levels in a sample.
+
+        Args:
+            dt: its duration [s].
+            jacobian: rows of all levels on the reduced velocities.
+        """
+        levers = [lever_sum(jacobian[part], mask) for part, mask in zip(self._parts, self.curved, strict=True)]
+        return SampledDamping(dt, levers, self.curved)
 
 
 class RelaxedSolution(NamedTuple):
@@ -237,18 +249,10 @@ class _FreeDirections(NamedTuple):
 
     kept: Array
     """Solution of the higher levels (n,)."""
-    Z: Array | None
-    """Directions (n, k), orthogonal; None for all directions."""
+    Z: Array
+    """Directions (n, k), orthogonal."""
     stiffness: Array
     """Roots of the cost of each direction (k,), relative to the rows of a level; zero for a free one."""
-
-    def rows(self, jacobian: Array) -> Array:
-        """Rows on z, from rows on the unknowns."""
-        return jacobian if self.Z is None else jacobian @ self.Z
-
-    def outward(self, T: Array) -> Array:
-        """Directions of the unknowns, from directions of z as columns."""
-        return T if self.Z is None else self.Z @ T
 
 
 class _Point(NamedTuple):
@@ -267,7 +271,7 @@ class _Level:
         free: what higher levels leave free.
         own: rows (k, n) on z.
         rate: their desired values (k,).
-        norm: size of the rows.
+        norm: size of the rows before higher levels restrict them: a level may repeat rows of theirs.
         damping: cost of the unknowns.
         curved: indices of the rows whose Jacobian depends on the configuration; none without sampled damping.
         factor: sampled damping over residual.
@@ -299,7 +303,7 @@ class _Level:
 
     def without_limits(self) -> _Point:
         """Solution without limits."""
-        determined = self._free.outward(self._right[: len(self._values)].T @ (self._share_of_rate(self.added)))
+        determined = self._free.Z @ (self._right[: len(self._values)].T @ self._share_of_rate(self.added))
         return _Point(self._free.kept + determined, determined, np.zeros(0))
 
     def _share_of_rate(self, added: float) -> Array:
@@ -326,14 +330,17 @@ class _Level:
         return _Point(self._free.kept + T @ y, determined, multipliers)
 
     def _nearest(self, bounds: ProgramBounds, added: float) -> tuple[Array, Array, Array] | None:
+        """The y nearest to the goal within limits, T with the unknowns ``kept + T y``, and multipliers."""
         rank, scales = len(self._values), np.sqrt(self._squares + added)
         cheap = _FREE_COST * (float(scales[-1]) if rank else 1.0)
         units = np.append(scales, np.full(len(self.unused), np.sqrt(cheap**2 + added)))
         goal = np.append(scales * self._share_of_rate(added), np.zeros(len(self.unused)))
-        T = self._free.outward(self._right.T / units)
-        found = _nearest(bounds, self._free.kept, goal, T, self._start)
-        self._start = self._start if found is None else found[2]
-        return found
+        T = self._free.Z @ (self._right.T / units)
+        lower, upper = (each - bounds.rows @ self._free.kept for each in (bounds.lower, bounds.upper))
+        if (found := nearest_point(goal, bounds.rows @ T, lower, upper, self._start)) is None:
+            return None
+        self._start = found.multipliers
+        return found.point, T, found.multipliers
 
     def _residual(self, bounds: ProgramBounds, added: float) -> float:
         found = self._nearest(bounds, added)
@@ -353,8 +360,7 @@ class _Level:
         kept, rank = self._free.kept + determined, len(self._values)
         share = np.zeros(rank)
         if self.added:
-            basis = self._free.outward(self._right.T)
-            speed = sum(_speed(basis, J, rate - J @ kept) for J, rate in lower)
+            speed = sum(_speed(self._free.Z, J, rate - J @ kept) for J, rate in lower)
             near = np.maximum(0.0, 1.0 - self._values / max(2.0 * self._factor * speed, 1e-300))
             share = self.added / (self._squares + self.added) * near
         loose = share > _LEAST_SHARE
@@ -362,11 +368,11 @@ class _Level:
             return None
         directions = np.vstack([np.sqrt(share[loose])[:, None] * self._right[:rank][loose], self.unused])
         stiffness = np.append(np.sqrt(1.0 - share[loose]), np.zeros(len(self.unused)))
-        return _FreeDirections(kept, self._free.outward(directions.T), stiffness)
+        return _FreeDirections(kept, self._free.Z @ directions.T, stiffness)
 
     def largest_speed(self, bounds: ProgramBounds, active: Array) -> float:
         """Largest speed of lower levels along active limits: the null space turns slowly at it."""
-        rows = self._free.rows(bounds.rows[active != 0.0])
+        rows = bounds.rows[active != 0.0] @ self._free.Z
         along = np.linalg.svd(rows)[2][len(rows) :] if len(rows) else self._right
         values = np.linalg.svd(self._own @ along.T, compute_uv=False)
         return _SLOW * float(values[values > _RANK * self._norm].min(initial=np.inf)) / self._factor
@@ -395,10 +401,12 @@ def solve_cascade(
     rows, r, k = bounds.rows, bounds.rows.shape[1], len(bounds.lower)
     levels = levels or [TaskLevel(np.zeros((0, r)), np.zeros(0))]
     found = np.zeros((len(levels), k))
+    if not damping and (attained := _within_all_limits(levels, bounds, sampled)) is not None:
+        return CascadeSolution(attained, found, (0.0,) * len(levels))
     room = _TOUCHING * (1.0 + np.abs(rows).sum(axis=1))
     low, high = bounds.lower - room, bounds.upper + room
     near = [0.0] * len(levels) if sampled is None or not sampled.near else list(sampled.near)
-    free, unknowns = _FreeDirections(np.zeros(r), None, np.zeros(r)), None
+    free, unknowns = _FreeDirections(np.zeros(r), np.eye(r), np.zeros(r)), None
     slow: tuple[Array, float] | None = None
 
     def keeps(point: Array) -> bool:
@@ -406,24 +414,16 @@ def solve_cascade(
         return bool((reached <= high).all() and (reached >= low).all())
 
     for index, (J, rate) in enumerate(levels):
-        own, rate = free.rows(J), rate - J @ free.kept
-        norm = max(float(np.sqrt(np.vdot(own, own))), _NOTHING)
+        own, rate = J @ free.Z, rate - J @ free.kept
+        norm, size = (max(float(np.sqrt(np.vdot(each, each))), _NOTHING) for each in (own, J))
         start = None if multipliers is None else multipliers[index]
         lever = 0.0 if sampled is None else sampled.levers[index]
         if free.stiffness.any():
             own, rate = np.vstack([own, np.diag(norm * free.stiffness)]), np.append(rate, np.zeros(len(free.stiffness)))
-        elif not lever and (whole := _whole_level(own, rate, _RANK * norm, damping)) is not None:
-            goal, T = whole[0], free.outward(whole[1])  # nothing is left to lower levels
-            ahead = free.kept + T @ goal
-            if keeps(ahead):
-                unknowns = ahead
-            elif (solved := _nearest(bounds, free.kept, goal, T, start)) is not None:
-                unknowns, found[index] = free.kept + T @ solved[0], solved[2]
-            break
         curved, factor = np.zeros(0, dtype=int), 0.0
         if lever and sampled is not None:
             curved, factor = np.flatnonzero(sampled.curved[index]), _SAMPLED_DAMPING * sampled.dt * lever
-        level = _Level(free, own, rate, norm, damping, curved, factor)
+        level = _Level(free, own, rate, size, damping, curved, factor)
         point = level.without_limits()
         if not keeps(point.unknowns):
             limited = level.within(bounds, start, near[index])
@@ -448,39 +448,21 @@ def _size(values: Array) -> float:
 
 
 def _speed(basis: Array, J: Array, rate: Array) -> float:
-    """Size of the velocity that a level asks for along a basis."""
+    """Size of the velocity that a level asks for along a basis; zero if its rows act there by rounding only."""
     own = J @ basis
     largest = float(np.einsum("kr,kr->k", own, own).max(initial=0.0))
-    return _size(rate @ own) / max(largest, 1e-300)
+    return _size(rate @ own) / largest if largest > _RANK**2 * np.vdot(J, J) else 0.0
 
 
-def _whole_level(own: Array, rate: Array, least: float, damping: float) -> tuple[Array, Array] | None:
-    """Goal y (n,) and T (n, n) of rows (k, n) that determine all unknowns: with ``x = T y`` their cost is a distance.
-
-    The triangular factor of the rows takes less time than their singular values, which a level needs that leaves
-    directions free. None if the singular values may be below ``least``, or without the compiled kernel.
-
-    Args:
-        own, rate: rows and their desired values.
-        least: least singular value of these rows.
-        damping: cost of the unknowns.
-    """
-    size = own.shape[1]
-    if len(own) < size:
-        return None
-    numbers = np.empty((size + 1, size))
-    if not _kernel.library.least_squares(own, rate, least, damping, _RANK, numbers):
-        return None
-    return numbers[0], numbers[1:]
-
-
-def _nearest(
-    bounds: ProgramBounds, kept: Array, goal: Array, T: Array, start: Array | None
-) -> tuple[Array, Array, Array] | None:
-    """The y nearest to a goal with ``kept + T y`` within the limits, T and multipliers; None if there is none."""
-    lower, upper = bounds.lower, bounds.upper
-    if kept.any():
-        offset = bounds.rows @ kept
-        lower, upper = lower - offset, upper - offset
-    point = nearest_point(goal, bounds.rows @ T, lower, upper, start)
-    return None if point is None else (point.point, T, point.multipliers)
+def _within_all_limits(
+    levels: Sequence[TaskLevel], bounds: ProgramBounds, sampled: SampledDamping | None
+) -> Array | None:
+    """Solution of all levels where no limit is active at any; None for others, or without the compiled kernel."""
+    J, rate = (np.concatenate(each) for each in zip(*levels, strict=True))
+    ends = np.array([len(each.rate) for each in levels]).cumsum()
+    curved, factors, unknowns = np.zeros(len(J)), np.zeros(len(levels)), np.empty(J.shape[1])
+    if sampled is not None:
+        np.concatenate(sampled.curved, out=curved)
+        factors += _SAMPLED_DAMPING * sampled.dt * np.array(sampled.levers)
+    limits = bounds.rows, bounds.lower, bounds.upper
+    return unknowns if _kernel.library.cascade(J, rate, curved, ends, factors, *limits, unknowns) else None

@@ -187,12 +187,12 @@ class OutputsTogether:
 
     def rows(self, sample: ControlSample) -> TaskRows:
         """Return the rows of all tasks at the end of a sample."""
-        here = sample.end.configuration.in_reduction(self._evaluator)
+        jacobian, found = self._evaluator.vertical_outputs(sample.end.configuration)
         points = [task.reference.at(sample.time) for task in self._tasks]
         position, velocity, acceleration = (np.concatenate(each) for each in list(zip(*points, strict=True))[:3])
         coordinates = self._stack.coordinates
         rate = coordinates.to_rates(position, velocity, acceleration)[0]
-        return TaskRows(here.J1, rate + self._gain * coordinates.difference(position, here.outputs()[0]))
+        return TaskRows(jacobian, rate + self._gain * coordinates.difference(position, found))
 
 
 @dataclass(frozen=True)

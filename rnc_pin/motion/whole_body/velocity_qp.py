@@ -15,7 +15,7 @@ from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.input_validation import NotNegative, check_positive_settings
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.motion.whole_body.limits.control_limit import ControlLimit, ControlSample
-from rnc_pin.motion.whole_body.task_hierarchy import SampledDamping, lever_sum, solve_within
+from rnc_pin.motion.whole_body.task_hierarchy import solve_within
 from rnc_pin.motion.whole_body.tasks import ControlTask
 from rnc_pin.motion.whole_body.whole_body_program import SampleCount, WholeBodyProgram
 
@@ -148,10 +148,8 @@ class VelocityQP(WholeBodyProgram):
             sample: the sample.
             multipliers: multipliers of the last program, (levels, k), to start from.
         """
-        levels, bounds = self._tasks.at(sample), self._limits.bounds(sample)
-        curved = self._tasks.curved
-        levers = [lever_sum(each.jacobian, mask) for each, mask in zip(levels, curved, strict=True)]
-        sampled = SampledDamping(sample.dt, levers, curved)
+        whole, bounds = self._tasks.at(sample), self._limits.bounds(sample)
+        levels, sampled = self._tasks.divided(*whole), self._tasks.damping(sample.dt, whole.jacobian)
         rest = np.zeros(self._reduced.r)  # hard limits allow it
         solved = solve_within(levels, bounds, self._limits, rest, self.damping, multipliers, sampled=sampled)
         return ProgramSolution(solved.unknowns, solved.multipliers, solved.excess, solved.unsolved)

@@ -141,26 +141,18 @@ class WholeBodyProgram(ReprMixin):
 
     def report(self, state: State) -> LimitReport:
         """Return the limits that are active, and those that gave way."""
-        return limit_report(self.limit_names, state.multipliers, state.excess, state.worst_excess)
+        names = self.limit_names
+        active = tuple(names[place] for place in np.flatnonzero(np.any(state.multipliers, axis=0)))
+        exceeded = [
+            {name: float(value) for name, value in zip(names, values, strict=True) if value}
+            for values in (state.excess, state.worst_excess)
+        ]
+        return LimitReport(active, *exceeded)
 
 
 def program_of(controller: object) -> WholeBodyProgram | None:
     """Whole-body program that a controller is or contains as its ``target``; None without one."""
     return next((each for each in nested(controller) if isinstance(each, WholeBodyProgram)), None)
-
-
-def limit_report(names: Sequence[str], multipliers: Array, excess: Array, worst: Array) -> LimitReport:
-    """Return the effect of limits, from their multipliers (levels, k) and their excess (k,)."""
-    active = np.any(multipliers, axis=0).tolist()
-    return LimitReport(
-        tuple(name for name, flag in zip(names, active, strict=True) if flag),
-        _nonzero(names, excess),
-        _nonzero(names, worst),
-    )
-
-
-def _nonzero(names: Sequence[str], values: Array) -> dict[str, float]:
-    return {name: float(value) for name, value in zip(names, values, strict=True) if value}
 
 
 def _describe_item(description: object) -> Json:

@@ -34,8 +34,9 @@ def test_lower_levels_leave_what_damped_levels_within_limits_determine():
         levels = [TaskLevel(generator.normal(size=(2, 10)), 2.0 * generator.normal(size=2)) for _ in range(3)]
         bounds = ProgramBounds(np.eye(10), np.full(10, -0.4), np.full(10, 0.4), np.arange(10), 10)
         levers = [lever_sum(level.jacobian, np.ones(2, dtype=bool)) for level in levels[:2]]
-        damping = SampledDamping(0.0005, [*levers, 0.0], [np.ones(2, dtype=bool)] * 3)
-        two, three = (solve_cascade(levels[:count], bounds, 0.0, sampled=damping) for count in (2, 3))
+        damping = SampledDamping(0.0005, levers, [np.ones(2, dtype=bool)] * 2)
+        third = damping._replace(levers=[*levers, 0.0], curved=[*damping.curved, np.zeros(2, dtype=bool)])
+        two, three = (solve_cascade(levels[: len(each.levers)], bounds, 0.0, sampled=each) for each in (damping, third))
         above, (J, rate) = np.vstack([levels[0].jacobian, levels[1].jacobian]), levels[2]
         np.testing.assert_allclose(above @ three.unknowns, above @ two.unknowns, atol=1e-7)
         free = null_space(above)
@@ -48,6 +49,19 @@ def test_lower_levels_leave_what_damped_levels_within_limits_determine():
         assert np.sum((J @ three.unknowns - rate) ** 2) == pytest.approx(best.fun, abs=1e-5)
         touched += np.count_nonzero(two.multipliers[1])
     assert touched > 3
+
+
+def test_each_level_moves_in_what_those_above_leave_free():
+    """Against null spaces; a level that repeats a row of one above, at another rate, changes nothing."""
+    generator = np.random.default_rng(8)
+    bounds = ProgramBounds(np.eye(7), np.full(7, -1e3), np.full(7, 1e3), np.arange(7), 7)
+    levels = [TaskLevel(generator.normal(size=(k, 7)), generator.normal(size=k)) for k in (3, 2, 5)]
+    repeated, expected, free = TaskLevel(levels[0].jacobian[:1], np.array([9.0])), np.zeros(7), np.eye(7)
+    for J, rate in levels:
+        expected = expected + free @ np.linalg.lstsq(J @ free, rate - J @ expected)[0]
+        free = free @ null_space(J @ free)
+    found = solve_cascade([levels[0], repeated, *levels[1:]], bounds, 0.0)
+    np.testing.assert_allclose(found.unknowns, expected, atol=1e-12)
 
 
 def test_what_a_task_leaves_free_costs_next_to_nothing():

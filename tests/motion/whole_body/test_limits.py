@@ -286,7 +286,7 @@ def test_braking_plans_half_of_the_efforts_less_the_load():
     """At least a tenth of that half; rows that nothing moves, or an actuator without a limit, brake at once."""
     effects = np.array([[2.0, -1.0, 0.0], [2.0, -1.0, 0.0], [0.5, 0.0, 0.0], [0.5, 0.0, 1.0], [0.0, 0.0, 0.0]])
     load = np.array([-3.0, 3.0, -9.0, 0.0, -1.0])
-    state = SimpleNamespace(R=np.eye(5), row_accelerations=lambda rows: (effects, load))
+    state = SimpleNamespace(R=np.eye(5), input_accelerations=(effects, load))
     braking = PlannedBraking(SimpleNamespace(actuation=SimpleNamespace(limits=np.array([4.0, 6.0, np.inf]))))
     found = braking.decelerations(np.eye(5), state)
     np.testing.assert_allclose(found, [7.0 - 3.0, 7.0, 0.1 * 1.0, np.inf, np.inf])

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin import _kernel
 from rnc_pin.control import ControlSample, RedundancyController, VelocityQP, limits, tasks
 from rnc_pin.motion.planning import Hold, MinimumJerk
 from systems import random_states, space_robot, spinning_space_robot, tiago
@@ -98,21 +97,6 @@ def test_the_solution_satisfies_the_conditions_of_optimality(damping):
         np.testing.assert_allclose(values[force < 0], box.lower[force < 0], atol=1e-9)
         touched += np.count_nonzero(force)
     assert touched > 6
-
-
-@pytest.mark.skipif(_kernel.library is _kernel.NUMPY_ALONE, reason="the kernel is not active")
-def test_rows_of_full_rank_become_a_distance():
-    """The nearest point to the goal is NumPy's least squares; nearly dependent rows are left to singular values."""
-    generator, numbers = np.random.default_rng(7), np.empty((6, 5))
-    rows, wanted = generator.normal(size=(8, 5)), generator.normal(size=8)
-    solve = _kernel.library.least_squares
-    assert solve(rows, wanted, 1e-8, 0.3, 1e-8, numbers)
-    stacked = np.vstack([rows, 0.3 * np.eye(5)])
-    expected = np.linalg.lstsq(stacked, np.r_[wanted, np.zeros(5)])[0]
-    np.testing.assert_allclose(numbers[0] @ numbers[1:].T, expected, rtol=1e-12)
-    np.testing.assert_allclose(numbers[1:].T @ stacked.T @ stacked @ numbers[1:], np.eye(5), atol=1e-12)
-    rows[:, 4] = rows[:, :2].sum(axis=1) + 1e-9 * generator.normal(size=8)
-    assert not solve(rows, wanted, 1e-8, 0.3, 1e-8, numbers)
 
 
 def test_samples_join_without_jumps_and_the_rate_is_exact():

@@ -28,6 +28,7 @@ class ControlSample:
         q: measured configuration at the start, (nq,).
         v2: reduced velocity commanded at the start, (r,).
         dt: duration of the sample [s]; zero for the start itself.
+        start: evaluation at the start, if it is known.
 
     Attributes:
         time: time of the end [s].
@@ -47,9 +48,11 @@ class ControlSample:
 
     __slots__ = ("_end", "_reduced", "dt", "start", "time")
 
-    def __init__(self, reduced: ReducedModel, time: float, q: np.ndarray, v2: np.ndarray, dt: float) -> None:
+    def __init__(
+        self, reduced: ReducedModel, time: float, q: Array, v2: Array, dt: float, start: StateEvaluation | None = None
+    ) -> None:
         self._reduced, self.time, self.dt = reduced, time + dt, dt
-        self.start: StateEvaluation = reduced.at(q, v2, t=time)
+        self.start = reduced.at(q, v2, t=time) if start is None else start
         self._end: StateEvaluation | None = None if dt else self.start
 
     @property
@@ -178,7 +181,7 @@ class PlannedBraking:
         """Accelerations (k,) of rows [m/s^2 or rad/s^2] in their positive direction; infinite without limits."""
         if not (self._any and len(jacobian)):
             return np.full(len(jacobian), np.inf)
-        effects, adverse = state.row_accelerations(jacobian @ state.R)
+        effects, adverse = (jacobian @ state.R @ each for each in state.input_accelerations)
         effects = np.abs(effects)
         planned = effects @ self._efforts
         found = np.maximum(planned + np.minimum(adverse, 0.0), _LEAST * planned)

@@ -225,7 +225,10 @@ class BoundCollisionAvoidance(BoundLimit):
 
     def _rows_of(self, near: PairDistances, sample: ControlSample) -> LimitRows:
         room = near.distance - self.clearances[near.pairs]
-        lower = -approach_speed(room, self._rate, self._decelerations(near, sample)) - near.drift
+        planned = np.full(len(near.pairs), self._deceleration or 0.0)
+        if self._deceleration is None:
+            planned = self._braking.decelerations(near.jacobian, sample.start)
+        lower = -approach_speed(room, self._rate, planned) - near.drift
         return LimitRows(near.jacobian, lower, np.full(len(lower), np.inf), near.pairs)
 
     def braking_rows(self, sample: ControlSample) -> None:
@@ -235,12 +238,6 @@ class BoundCollisionAvoidance(BoundLimit):
         near, found = self.distances.at(state, time, self._nearest), np.zeros(len(self.names))
         found[near.pairs] = self.clearances[near.pairs] - near.distance
         return found
-
-    def _decelerations(self, near: PairDistances, sample: ControlSample) -> Float[np.ndarray, " k"]:
-        """Decelerations (k,) of the approach of pairs [m/s^2]; infinite without effort limits."""
-        if self._deceleration is not None:
-            return np.full(len(near.pairs), self._deceleration)
-        return self._braking.decelerations(near.jacobian, sample.start)
 
 
 def approach_speed(
