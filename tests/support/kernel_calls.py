@@ -77,7 +77,7 @@ def rows_of(entry):
 
 
 def programs():
-    """Velocities and multipliers of a level that determines everything, alone and below another; limits are active."""
+    """Velocities and multipliers of a level that determines everything, alone and below another, in limits and free."""
     reduced, found = fresh(tiago), []
     arm = [name for name in reduced.robot.joint_names[1:] if "wheel" not in name]
     level = tasks.OutputTask(rnc.FrameOrientation("arm_7_link"), Hold([0.0, 0.3, 0.0]), weight=[0.2, 0.5, 1])
@@ -85,10 +85,10 @@ def programs():
     hand = tasks.OutputTask(HAND, REACH, gain=3.0)
     look = tasks.PostureTask({"head_1_joint": 0.4, "head_2_joint": -0.3}, weight=0.3)
     below = [tasks.PostureTask({"torso_lift_joint": 0.2}, priority=1), tasks.DampingTask(priority=1)]
-    box = [limits.JointVelocityLimit(limit=0.2, margin=0.0)]
-    for damping in (0.0, 0.3):
+    for largest in (0.2, 100.0):
+        box = [limits.JointVelocityLimit(limit=largest, margin=0.0)]
         for chosen in ([hand, look, level, *posture, tasks.DampingTask(weight=0.1)], [hand, look, *below]):
-            program = VelocityQP(reduced, chosen, box, damping=damping)
+            program = VelocityQP(reduced, chosen, box)
             for q, v2 in random_states(reduced, 4, seed=5):
                 solution = program.solve(ControlSample(reduced, 0.0, q, 0.1 * v2, 0.002))
                 found += [solution.v2, *solution.multipliers]
