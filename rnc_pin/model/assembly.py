@@ -17,16 +17,8 @@ from rnc_pin.model.kinematics import Kinematics, PositionKinematics
 from rnc_pin.model.rows import Rows
 from rnc_pin.robots.robot import Robot
 
-_EXACT = 1e-14  # residual at which the iteration stops [m or rad]
 _GOOD = 1e-11  # residual below which rows are satisfied [m or rad]
-_ROUNDED = 1e-4  # the same limit for rows that depend on others to the rounding of a file's numbers
-_DEPENDENT = 1e-9  # relative singular value below which a direction is not corrected
-_LONGEST = 0.5  # largest step [rad or m]
-_STEPS, _HALVINGS, _TRIES = 100, 12, 100
-_DRAWN_STEPS = 30  # from random configurations, where nearly all that arrive take less than ten
-_SAMPLES = 4
-_STALLED, _STALLS, _FAR = 0.999, 2, 1e-3  # a step stalls above this residual ratio; stalled steps; residual not small
-_ALIKE, _OF, _WITHIN = 20, 25, 1.01  # unreachable: so many of so many tries end within this ratio of the least residual
+_FAR = 1e-3  # residual that is not small [m or rad]: the iteration does not converge, or the rows are out of reach
 
 
 class Assembly:
@@ -125,7 +117,7 @@ class Assembly:
         return "; its ground is hollow: inside=False if bodies roll on the outside of a ball or pipe" if outside else ""
 
     def _closest(
-        self, q: Array, hold: Sequence[str] = (), by_inertia: bool = True, t: float | None = None, steps: int = _STEPS
+        self, q: Array, hold: Sequence[str] = (), by_inertia: bool = True, t: float | None = None, steps: int = 100
     ) -> tuple[Array, Array, bool]:
         """Configuration near q with the smallest residual, this residual (h,), and True if the rows are satisfied.
 
@@ -144,7 +136,9 @@ class Assembly:
 
     def _good(self, residual: Array) -> bool:
         """Return True if the rows are satisfied; rows that are dependent to rounding have a larger tolerance."""
-        return bool((np.abs(residual) <= np.where(self._leading, _GOOD, _ROUNDED)).all())
+        # Rows that depend on others to the rounding of a file's numbers cannot be closer than that rounding.
+        rounded = 1e-4  # [m or rad]
+        return bool((np.abs(residual) <= np.where(self._leading, _GOOD, rounded)).all())
 
     def _descended(
         self, q: Array, free: Array, rows: Array, by_inertia: bool, t: float | None, steps: int
@@ -152,12 +146,15 @@ class Assembly:
         """Minimize the residual of the rows in a mask (h,), starting at q; return q and the residual of all rows."""
         here = self._kinematics.position(q, t)
         residual, stalls = self._residual(here), 0
+        exact, longest, halvings = 1e-14, 0.5, 12  # residual at the end [m or rad]; largest step [rad or m]
+        stalled, patience = 0.999, 2  # ratio of residuals above which a step stalls, and how many may stall
         for _ in range(steps):
-            if stalls == _STALLS or np.abs(residual[rows]).max(initial=0.0) <= _EXACT:
+            if stalls == patience or np.abs(residual[rows]).max(initial=0.0) <= exact:
                 return q, residual
             step = self._step(here, residual, free, rows, by_inertia)
-            step *= min(1.0, _LONGEST / max(float(np.abs(step).max()), 1e-300))
-            for _ in range(_HALVINGS):
+            # Newton's step is a guess far from a solution: shorten it, then halve it until the residual decreases.
+            step *= min(1.0, longest / max(float(np.abs(step).max()), 1e-300))
+            for _ in range(halvings):
                 ahead = self._kinematics.position(pin.integrate(self.robot.model, q, step), t)
                 left = self._residual(ahead)
                 if np.linalg.norm(left[rows]) < np.linalg.norm(residual[rows]):
@@ -166,7 +163,7 @@ class Assembly:
             else:
                 return q, residual
             before, after = (float(np.linalg.norm(each[rows])) for each in (residual, left))
-            stalls = stalls + 1 if after > max(_FAR, _STALLED * before) else 0
+            stalls = stalls + 1 if after > max(_FAR, stalled * before) else 0
             here, q, residual = ahead, ahead.q, left
         return q, residual
 
@@ -177,10 +174,12 @@ class Assembly:
             ConstraintError: the projection failed at every try.
         """
         failures: list[float] = []
-        for _ in range(_TRIES):
+        tries, early = 100, 25  # draws, and failures after which it is asked whether the rows are out of reach
+        drawn_steps = 30  # nearly all draws that arrive take less than ten
+        for _ in range(tries):
             with suppress(SingularityError):
                 drawn = self.robot.random_configuration(generator, spread)
-                found, residual, closed = self._closest(drawn, steps=_DRAWN_STEPS)
+                found, residual, closed = self._closest(drawn, steps=drawn_steps)
                 if not closed:  # of many light bodies, at nearly every draw one would rather turn than move
                     found, residual, closed = self._closest(drawn, by_inertia=False)
                 if closed:
@@ -189,10 +188,12 @@ class Assembly:
                 row = int(np.argmax(np.abs(residual)))
                 worst = f": {self.names[row]} has residual {abs(residual[row]):.3g}, limit {_GOOD:.0e}"
                 worst += self.remedy(self.names[row])
-            if len(failures) == _OF and _out_of_reach(failures):
+            if len(failures) == early and _out_of_reach(failures):
                 break
-        tries = f"any of {_TRIES} random configurations" if len(failures) != _OF else f"{_OF} random configurations"
-        raise ConstraintError(f"constraints cannot be satisfied from {tries}{worst if failures else ''}")
+        drawn_ones = (
+            f"{early} random configurations" if len(failures) == early else f"any of {tries} random configurations"
+        )
+        raise ConstraintError(f"constraints cannot be satisfied from {drawn_ones}{worst if failures else ''}")
 
     def samples(self, count: int, spread: float = np.pi) -> Array:
         """Seeded random configurations and the neutral one, (count or count + 1, nq), which satisfy the rows.
@@ -235,7 +236,8 @@ class Assembly:
             scaled = np.linalg.solve(factor, rows.T).T  # A L^-T
             if not np.isfinite(np.sum(scaled**2)):
                 raise ConstraintError("constraint rows overflow: scale down their entries")
-        reduced = np.linalg.lstsq(scaled, -residual[which], rcond=_DEPENDENT)[0]
+        dependent = 1e-9  # relative singular value below which a direction is not corrected
+        reduced = np.linalg.lstsq(scaled, -residual[which], rcond=dependent)[0]
         step = np.zeros(len(free))
         step[free] = np.linalg.solve(factor.T, reduced)
         return step
@@ -265,8 +267,8 @@ class Assembly:
 
     def _samples_of(self, places: Sequence[tuple[Rows, list[int]]]) -> list[list[Array]]:
         """All rows of some blocks at random configurations, which need not satisfy the rows."""
-        generator, samples = np.random.default_rng(0), []
-        for _ in range(_SAMPLES):
+        generator, samples, count = np.random.default_rng(0), [], 4
+        for _ in range(count):
             position = self._kinematics.position(self.robot.random_configuration(generator))
             with suppress(SingularityError):
                 whole = [block.jacobian(position) for block, _ in places]
@@ -277,5 +279,5 @@ class Assembly:
 
 def _out_of_reach(failures: Sequence[float]) -> bool:
     """Return True if most tries ended at the same residual, e.g. of a fully stretched loop that cannot close."""
-    least = min(failures)
-    return least > _FAR and sum(each <= _WITHIN * least for each in failures) >= _ALIKE
+    least, alike, within = min(failures), 20, 1.01  # so many of the tries within this ratio of the least residual
+    return least > _FAR and sum(each <= within * least for each in failures) >= alike

@@ -27,9 +27,6 @@ from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.rows import rheonomic_names
 from rnc_pin.printing import ObjectSummary, SummaryMixin, counted, described
 
-_DEFICIENT = 1e-10  # share of the largest singular value up to which one counts as zero
-_AMPLIFIED = 1e10  # amplification of rounding errors above which actuators count as dependent
-
 
 class ConfigurationEvaluation(SummaryMixin):
     """Reduced model at configurations (..., nq). Each quantity is computed once, on first use, and is read-only.
@@ -322,10 +319,12 @@ class ConfigurationEvaluation(SummaryMixin):
         if data.p == data.r:
             inverted = inverse(matrix)
             # This bound on the amplification of rounding does not depend on the units of the inputs.
-            if np.isfinite(inverted).all() and product(np.abs(matrix), np.abs(inverted)).max(initial=0.0) < _AMPLIFIED:
+            amplified = 1e10
+            if np.isfinite(inverted).all() and product(np.abs(matrix), np.abs(inverted)).max(initial=0.0) < amplified:
                 return apply(inverted, F)
         left, values, right = np.linalg.svd(matrix, full_matrices=False)
-        above = values > _DEFICIENT * values.max(axis=-1, keepdims=True, initial=0.0)
+        least = 1e-10  # share of the largest singular value up to which one counts as zero
+        above = values > least * values.max(axis=-1, keepdims=True, initial=0.0)
         rank = int(above.sum(axis=-1).min(initial=data.r))
         if rank < data.r:
             raise ConstraintError(

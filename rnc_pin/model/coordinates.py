@@ -25,7 +25,6 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError
 
-_SMALL = 1e-2  # [rad] below which quotients are taken from their series
 _Angle = TypeVar("_Angle", float, np.ndarray)
 
 
@@ -180,7 +179,8 @@ def left_jacobian(r: np.ndarray, r_dot: np.ndarray) -> tuple[np.ndarray, np.ndar
     """Left Jacobian J(r) with ``w = J(r) rdot``, and its rate along ``rdot``, (3, 3) each."""
     square = float(r @ r)
     u = np.sqrt(square)
-    if u < _SMALL:
+    small = 1e-2  # [rad]: below it the quotients lose digits by cancellation, and two terms of the series are exact
+    if u < small:
         a, b = 1 / 2 - square / 24, 1 / 6 - square / 120
         a_dot, b_dot = -1 / 12 + square / 180, -1 / 60 + square / 1260  # (da/du) / u
     else:

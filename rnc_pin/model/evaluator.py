@@ -43,10 +43,7 @@ from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.reduction_kernel import ReductionKernel, RunRecords
 from rnc_pin.model.state_evaluation import StateEvaluation, output_slopes
 
-_TOLERANCE = 1e-9  # largest relative difference of kernel and NumPy at the state that compares them
-_TIME = 0.3  # of rows over time [s]
 _FORMS = ("kinematic", "acceleration", "dynamic")
-_ATTEMPTS = 8  # random states that may be singular
 
 
 class PlannedFeedback(NamedTuple):
@@ -430,9 +427,10 @@ def evaluator_for(data: ReductionData, known: Evaluator | None = None) -> Evalua
     except ValueError as error:
         _warn(str(error))
         return Evaluator(data)
-    if difference is not None and not difference < _TOLERANCE:
-        _warn(f"it differs from NumPy by {difference:.1e} (relative), limit {_TOLERANCE:.0e}")
-    return found if difference is not None and difference < _TOLERANCE else Evaluator(data)
+    tolerance = 1e-9  # relative: both paths round differently, and an ill-scaled robot loses some digits
+    if difference is not None and not difference < tolerance:
+        _warn(f"it differs from NumPy by {difference:.1e} (relative), limit {tolerance:.0e}")
+    return found if difference is not None and difference < tolerance else Evaluator(data)
 
 
 def _warn(why: str) -> None:
@@ -442,8 +440,9 @@ def _warn(why: str) -> None:
 def _difference(found: Evaluator) -> float | None:
     """Largest relative difference at a random regular state; None if there is none."""
     data, generator = found.data, np.random.default_rng(0)
-    t = _TIME if data.rheonomic else None
-    for _ in range(_ATTEMPTS):
+    t = 0.3 if data.rheonomic else None  # [s]; at zero, rows over time may be at rest
+    attempts = 8  # some random states are singular
+    for _ in range(attempts):
         q, v = data.robot.random_configuration(generator), generator.uniform(-1.0, 1.0, data.n)
         with suppress(SingularityError, NotImplementedError):  # a row is undefined at q, or has no rate
             by_numpy, by_kernel = (StateEvaluation.at(each, q, v=v, t=t) for each in (Evaluator(data), found))

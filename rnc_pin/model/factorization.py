@@ -12,9 +12,6 @@ from rnc_pin.math.linear_algebra import inverse, pivot_columns
 from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.reduction_data import ReductionData, best_entries
 
-_DEPENDENT = 1e-8  # sine of the angle below which constraint rows count as dependent
-_WELL = 1e-3  # smallest singular value of unit rows above which the default rows are kept
-
 
 class Factorization(NamedTuple):
     """Matrix E at states (...,), its inverse, and the mask of regular states."""
@@ -116,9 +113,13 @@ def _best_rows(data: ReductionData, rows: Array) -> Int[Array, " m"] | None:
     natural = np.fmax(np.linalg.norm(rows, axis=-1), data.constraint_scales)
     natural = np.where(data.constraint_scales > 0, natural, np.inf)[:, None]  # rows of typical length 0 are rounding
     order, sizes = pivot_columns((rows / natural).T, data.m)
-    if data.m and not sizes[-1] > _DEPENDENT:
+    dependent = 1e-8  # sine of the angle below which constraint rows count as dependent
+    if data.m and not sizes[-1] > dependent:
         return None  # the constraints themselves lose rank
     kept = np.array(data.kept, dtype=int)
-    if np.linalg.svd((rows / natural)[kept], compute_uv=False).min(initial=1.0) < _WELL:
+    # Rows that change between neighbouring states would make R jump: the default rows stay while they are well
+    # independent, and others replace them only where they are not.
+    well = 1e-3  # smallest singular value of unit rows
+    if np.linalg.svd((rows / natural)[kept], compute_uv=False).min(initial=1.0) < well:
         kept = np.sort(order)
     return kept

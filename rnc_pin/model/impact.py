@@ -23,11 +23,6 @@ from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
 
-_APART = 1e-4  # largest residual of holonomic rows that counts as rounding [m or rad]
-_DIFFERENT = 1e-6  # relative difference of velocities or momenta that counts as a contradiction
-_ROUNDED = 1e-4  # the same for rows that depend on others to the rounding of a file's numbers
-_GAINED = 1e-9  # share of the kinetic energy that counts as rounding
-
 Restitution = float | Mapping[str, float]
 """Newton's coefficient of restitution of all rows, or of rows by name (zero for the others)."""
 
@@ -156,7 +151,8 @@ def _found(rows: RowStack, conserved: Array, jump: _Jump, rank: int) -> Impact:
     reacting = zip(rows.names, impulses.tolist(), conserved.tolist(), strict=True)
     named = {name: impulse for name, impulse, is_conserved in reacting if not is_conserved}
     found = _read_only(before, after, named, *(float(0.5 * each @ M @ each) for each in (before, after)))
-    if not rows.affine and -found.loss > _GAINED * found.energy_before:
+    rounding = 1e-9  # share of the kinetic energy
+    if not rows.affine and -found.loss > rounding * found.energy_before:
         raise ConstraintError(
             f"restitution: these coefficients create energy, {-found.loss:.3g} J of {found.energy_before:.3g} J: "
             "choose smaller coefficients, or the same for all rows"
@@ -173,7 +169,8 @@ def _one(values: ArrayInput, name: str) -> Array:
 
 def _check_assembled(assembly: Assembly, q: Array) -> None:
     """Raise an error if a configuration violates a holonomic row."""
-    if assembly.size and np.abs(assembly.residual(q)).max() > _APART:
+    rounding = 1e-4  # [m or rad]: numbers of a file have a few digits
+    if assembly.size and np.abs(assembly.residual(q)).max() > rounding:
         name, residual = assembly.worst(q)
         raise InputError(
             f"impact: the configuration violates {name} by {residual:.3g} [m or rad]: constraints appear only where "
@@ -216,7 +213,8 @@ def _conserved(rows: RowStack) -> Array:
 
 
 def _check_momenta(rows: RowStack, sizes: Array, mu: Array, slip: Array, conserved: Array) -> None:
-    limits = _DIFFERENT * (sizes + np.abs(mu))
+    contradiction = 1e-6  # relative: measured velocities satisfy a momentum no better
+    limits = contradiction * (sizes + np.abs(mu))
     for row in np.flatnonzero(conserved & (np.abs(slip) > limits)):
         raise ConstraintError(
             f"{rows.names[row]} is {mu[row] + slip[row]:.8g} before the impact, and the constraint requires "
@@ -231,7 +229,8 @@ def _sizes(matrix: Array, v: Array) -> Array:
 
 def _check_dependent(rows: RowStack, sizes: Array, rates: Array, wanted: Array) -> None:
     """Raise an error if a dependent row does not get its velocity."""
-    excess = np.abs(rates - wanted) - _ROUNDED * (sizes + np.abs(wanted))
+    rounded = 1e-4  # rows that depend on others to the rounding of a file's numbers differ by that rounding
+    excess = np.abs(rates - wanted) - rounded * (sizes + np.abs(wanted))
     for row in np.flatnonzero(excess > 0)[:1]:
         raise ConstraintError(
             f"restitution: row '{rows.names[row]}' has to move at {wanted[row]:.4g} after the impact, the rows that it "

@@ -211,9 +211,7 @@ def _dropped(row: int, kept: Sequence[int], matrices: np.ndarray, names: Sequenc
 
 # ------------------------------------------------------------------ conserved momenta
 
-_DRIVES = 1e-12  # entry of B beyond rounding
 _ACTS = 1e-9  # relative entry of a row beyond rounding: a user's loop in world axes is closed to 1e-11 m
-_ROUNDING = 1e-12  # entry of a row relative to the largest entry of all rows
 
 
 def check_actuators(
@@ -230,11 +228,11 @@ def check_actuators(
     Raises:
         ConstraintError: an actuator drives a conserved momentum; the message names both.
     """
-    conserved = [block for block in blocks if block.conserved is not None]
+    conserved, rounding = [block for block in blocks if block.conserved is not None], 1e-12  # of an entry of B
     for q in samples if conserved else ():
         matrix = actuation.matrix(kinematics.position(q))
         for block in conserved:
-            driven = np.abs(matrix[block.conserved]).max(axis=0) > _DRIVES
+            driven = np.abs(matrix[block.conserved]).max(axis=0) > rounding
             if driven.any():
                 name = actuation.names[int(np.argmax(driven))]
                 raise ConstraintError(f"actuator '{name}' drives {block.names[0]}, which is declared as conserved")
@@ -286,7 +284,8 @@ def check_reactions(rows: RowStack, samples: np.ndarray, lengths: np.ndarray, co
     if not momenta or not reacts.any():
         return
     longest = np.maximum(np.linalg.norm(samples, axis=-1).max(axis=0), lengths)
-    limit = np.maximum(_ACTS * longest, _ROUNDING * np.abs(samples[:, reacts]).max())
+    rounding = 1e-12  # of an entry, relative to the largest entry of all rows
+    limit = np.maximum(_ACTS * longest, rounding * np.abs(samples[:, reacts]).max())
     for block, *_ in momenta:
         effect = np.abs(samples[..., block.conserved]).max(axis=(0, -1))
         found = [rows.names[k] for k in np.flatnonzero(reacts & (effect > limit))]

@@ -31,7 +31,6 @@ __all__ = [
 
 Rate = Callable[[Array, Array], tuple[Array, Array]]
 
-_FARTHEST = 100.0**2  # square of the longest valid step [rad or m]
 _SERIES_BELOW = 1.0  # below it closed forms and recurrences lose digits by cancellation; the series converge beyond
 _TERMS = np.arange(1, 15)
 
@@ -98,8 +97,10 @@ def check_reach(u: Array, h: float) -> None:
     Raises:
         DivergenceError: the step is too long or not finite.
     """
-    if not u.dot(u) < _FARTHEST:  # also false for infinity and NaN
-        moved, limit = np.sqrt(u.dot(u)), np.sqrt(_FARTHEST)
+    # A robot turns or drives a few radians or metres in a step: farther, the accelerations are wrong.
+    limit = 100.0  # [rad or m]
+    if not u.dot(u) < limit**2:  # also false for infinity and NaN
+        moved = np.sqrt(u.dot(u))
         raise DivergenceError(
             f"one step of {h:g} s would move by {moved:.3g} rad or m, limit {limit:g}: reduce the step"
         )
@@ -356,9 +357,6 @@ def phi_functions(x: np.ndarray, last: int) -> list[np.ndarray]:
 
 # ------------------------------------------------------------------ adaptive steps
 
-_SHORT = 1e-9  # step size that counts as too short, relative to the whole duration
-_PATIENCE = 50  # largest number of consecutive steps that are too short
-
 TimedRate = Callable[[float, Array, Array], tuple[Array, Array]]
 LocalRate = Callable[[float, Array, Array], Array | None]
 Settle = Callable[[Array, Array], tuple[Array, Array]]
@@ -428,11 +426,14 @@ class AdaptiveIntegrator:
         solver = scipy.integrate.DOP853(
             chart_rate, float(times[0]), x0, float(times[-1]), rtol=self._rtol, atol=self._atol
         )
-        due, short, shortest = 1, 0, _SHORT * float(times[-1] - times[0])
+        # Near a singularity the steps shrink without end: so many in a row that are a billionth of the run end it.
+        shortest, patience = 1e-9 * float(times[-1] - times[0]), 50
+        due = 1
+        short = 0
         while due < len(times):
             solver.step()
             short = short + 1 if solver.step_size is None or solver.step_size < shortest else 0
-            if solver.status == "failed" or short > _PATIENCE:
+            if solver.status == "failed" or short > patience:
                 raise DivergenceError(
                     "the step size is too small: the motion runs into a singularity, or the "
                     f"tolerances (rtol {self._rtol:g}, atol {self._atol:g}) are finer than rounding allows",

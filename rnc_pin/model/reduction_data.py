@@ -17,9 +17,6 @@ from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.rows import ConstantRows, OutputRows, OutputStack, RowStack
 from rnc_pin.robots.robot import Robot
 
-_CHOOSE_AGAIN = 1e3  # dependence of a row above which other rows are selected, if there are any
-_TIE = 1e-6  # relative preference of an entry of v over the next one, to break ties
-
 
 @dataclass(frozen=True, eq=False)
 class ReductionData:
@@ -128,7 +125,9 @@ class ReductionData:
     @cached_property
     def fast_limit(self) -> float:
         """Square of the dependence of a row from which other rows are considered."""
-        limit = min(_CHOOSE_AGAIN, self.singularity_limit) if self.has_alternatives else self.singularity_limit
+        # Far below the limit of an error: other rows take over before the default ones lose digits.
+        choose_again = 1e3
+        limit = min(choose_again, self.singularity_limit) if self.has_alternatives else self.singularity_limit
         return limit**2
 
     @cached_property
@@ -205,7 +204,8 @@ def best_entries(rows: np.ndarray, r: int) -> list[int]:
     combinations of them. If entries are equally good, e.g. of coupled joints, the first is selected.
     """
     basis = null_space(rows)
-    preference = 1.0 - _TIE * np.arange(len(basis))  # otherwise rounding decides ties, differently at each state
+    tie = 1e-6  # relative preference over the next entry: otherwise rounding decides ties, differently at each state
+    preference = 1.0 - tie * np.arange(len(basis))
     return sorted(pivot_columns(preference * basis.T, r)[0])
 
 

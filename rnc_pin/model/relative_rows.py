@@ -209,9 +209,6 @@ class RelativeRows(Rows):
 # ------------------------------------------------------------------ couplings of joints
 
 
-_LARGEST_DENOMINATOR = 1000
-
-
 class CouplingRow(ConstantRows):
     """Row ``v_joint - ratio * v_driver = 0``; holonomic if ``q_joint = ratio * q_driver + offset`` is well defined.
 
@@ -314,7 +311,8 @@ def _period(joint_turns: bool, driver_turns: bool, ratio: float) -> float | None
         return 2 * np.pi if joint_turns else 0.0
     if not joint_turns:
         return 2 * np.pi * abs(ratio)
-    fraction = Fraction(ratio).limit_denominator(_LARGEST_DENOMINATOR)
+    largest_denominator = 1000  # of the ratio of gears; other ratios have no period that matters
+    fraction = Fraction(ratio).limit_denominator(largest_denominator)
     if abs(float(fraction) - ratio) > 1e-12 * abs(ratio):
         return None
     return 2 * np.pi / fraction.denominator

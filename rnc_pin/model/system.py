@@ -29,8 +29,6 @@ from rnc_pin.robots.robot import Robot
 _Kind = TypeVar("_Kind", ConstraintKind, OutputKind, ForceKind)
 
 _SAMPLES = 12
-_NEAR = 0.3  # distance of samples from the neutral configuration if the rank differs farther away [rad or m]
-_AT_REST = 1e-12  # largest entry of a row that no joint moves
 _THIN = 1e-3  # smallest singular value of unit rows below which a warning is given
 
 
@@ -116,7 +114,8 @@ class NonholonomicSystem(SummaryMixin):
                 raise ConstraintError(
                     f"robot '{robot.name}': {few(flat)} {why}: give all moments, or {planar}"
                 ) from None
-            samples, found = self._selected(coupled, _NEAR)
+            near = 0.3  # [rad or m] from the neutral configuration
+            samples, found = self._selected(coupled, near)
         self.kept, self.dropped_rows = found.kept, found.dropped
         self.row_margin = found.margin
         self.nearly_dependent_rows = tuple(found.weak) if found.margin < _THIN else ()
@@ -318,10 +317,10 @@ def _still(rows: RowStack, robot: Robot, configurations: np.ndarray) -> str:
     if base_of(robot.model) != "fixed":
         return ""
     kinematics = Kinematics(robot)
-    moving = np.zeros(rows.size, dtype=bool)
+    moving, at_rest = np.zeros(rows.size, dtype=bool), 1e-12  # largest entry of a row that no joint moves
     for q in configurations:
         with suppress(SingularityError):
-            moving |= np.abs(rows.jacobian(kinematics.position(q))).max(axis=1, initial=0.0) > _AT_REST
+            moving |= np.abs(rows.jacobian(kinematics.position(q))).max(axis=1, initial=0.0) > at_rest
     names = [name for name, moves in zip(rows.names, moving, strict=True) if not moves]
     return f"; no joint moves {few(names)}: {fixed_base(robot.model)}" if names else ""
 

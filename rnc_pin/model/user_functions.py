@@ -15,16 +15,11 @@ from rnc_pin.errors import ConstraintError, SingularityError
 from rnc_pin.robots.robot import Robot
 
 STEP = 0.01  # [rad or m]
-_STENCIL = ((1, 4 / 5), (2, -1 / 5), (3, 4 / 105), (4, -1 / 280))
 Field = Callable[[np.ndarray], np.ndarray]
 Function = Callable[..., object]  # of q, or of q and t
 Rate = Callable[..., object]  # of q and v, or of q, v and t
 
 _STEPS = (0.3 * STEP, STEP, 0.1 * STEP)  # [rad or m]
-_DRAWS, _CHECKED = 8, 2  # random states drawn and used
-_WRONG = 1e-6  # relative error that rounding and differences do not explain
-_DOUBT = 100.0  # times the error estimate that a difference may be wrong by
-_ROUGH = 1e-3  # relative error estimate above which a function has no rate
 
 
 def directional_derivative(
@@ -40,7 +35,8 @@ def directional_derivative(
 
 def central_difference(field: Callable[[float], np.ndarray], step: float) -> np.ndarray:
     """Derivative of ``field(s)`` at zero."""
-    terms = [weight * (field(k * step) - field(-k * step)) for k, weight in _STENCIL]
+    stencil = ((1, 4 / 5), (2, -1 / 5), (3, 4 / 105), (4, -1 / 280))  # of order eight
+    terms = [weight * (field(k * step) - field(-k * step)) for k, weight in stencil]
     return np.asarray(np.sum(terms, axis=0) / step)
 
 
@@ -85,7 +81,8 @@ class DerivedRate:
         self._model, self._function = robot.model, function
         for q, v, t in _random_states(robot, function, timed):
             found, doubt = _difference(robot.model, function, q, v, t)
-            if doubt > _ROUGH * (1.0 + np.abs(found).max(initial=0.0)):
+            rough = 1e-3  # relative error estimate above which the function jumps, or has a kink
+            if doubt > rough * (1.0 + np.abs(found).max(initial=0.0)):
                 raise ConstraintError(
                     f"{label} has no rate that differences can find: two step lengths differ by {doubt:.1e}; "
                     "pass its rate as well"
@@ -123,7 +120,9 @@ def check_rate(
         given = np.asarray(rate(q, v, *t), dtype=float)
         if given.shape != expected.shape:
             return  # another message tells the shape
-        allowed = _WRONG * (1.0 + np.abs(expected).max(initial=0.0)) + _DOUBT * doubt
+        # Rounding and differences explain so much; an error estimate may be too small by so many times.
+        unexplained, trust = 1e-6, 100.0
+        allowed = unexplained * (1.0 + np.abs(expected).max(initial=0.0)) + trust * doubt
         wrong = ~(np.abs(given - expected) <= allowed)
         if wrong.any():
             row, *entry = np.unravel_index(np.argmax(np.where(wrong, np.abs(given - expected), 0.0)), given.shape)
@@ -138,8 +137,8 @@ def _random_states(
     robot: Robot, function: Function, timed: bool = False
 ) -> list[tuple[np.ndarray, np.ndarray, tuple[float, ...]]]:
     """Two random states (q, v, times) at which the function is finite; fewer if it rarely is."""
-    generator, found = np.random.default_rng(0), []
-    for _ in range(_DRAWS):
+    generator, found, wanted, draws = np.random.default_rng(0), [], 2, 8
+    for _ in range(draws):
         q, v = robot.random_configuration(generator, 1.0), generator.uniform(-1.0, 1.0, robot.nv)
         t: tuple[float, ...] = (float(generator.uniform(0.2, 1.0)),) if timed else ()
         try:  # differences need a neighbourhood
@@ -148,7 +147,7 @@ def _random_states(
             continue
         if np.isfinite(np.asarray(near, dtype=float)).all():
             found.append((q, v, t))
-        if len(found) == _CHECKED:
+        if len(found) == wanted:
             break
     return found
 
