@@ -30,7 +30,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import printed
 from rnc_pin.robots.robot import Robot
 
-_STEPS, _HALVINGS = 100, 12  # largest numbers: of Newton steps, and of halvings of one that does not improve
+_STEPS = 100  # largest number of Newton steps
 _STILL = 1e-10  # acceleration that counts as zero, relative to gravity's
 _GOOD = 1e-9  # largest accepted acceleration, on the same scale; a linearization accepts it too
 _ROUNDED = 1e-6  # largest accepted shape rates and gaps in motion: symmetries of a rounded file are no more accurate
@@ -248,7 +248,8 @@ class _Search:
     def _ahead(self, here: _Point) -> _Point | None:
         """Return the point after Newton's step, halved until the residual decreases; None if it never does."""
         step = self._limited(self._newton(here)[0])
-        for _ in range(_HALVINGS):
+        halvings = 12  # a step that improves nothing at 1/4096 of its length points the wrong way
+        for _ in range(halvings):
             ahead = self._after(here, step)
             if ahead.left < here.left:
                 return ahead

@@ -56,7 +56,6 @@ from rnc_pin.robots.robot import Robot
 _ZERO = 1e-9  # motion, relative to the largest of all outputs, that is rounding
 _RANK = 1e-6  # singular value of D, relative to its largest, below which a direction is not moved
 _USUAL = 0.9  # share of the samples that decides
-_DEEPEST, _BRACKETS = 4, 1e-5  # order of brackets, and their precision
 _POSES = 4  # samples at which a straight joint has to make D singular, or at which a frame may move
 
 
@@ -356,7 +355,8 @@ class _Exploring:
             return "2", each.moved, "the rest follows from the primary outputs"
         most_motions = 16  # whose brackets take less than a second; class 3 is not looked for among more
         if 1 < self.motions <= most_motions and each.rank < count:
-            ranks = [np.linalg.matrix_rank(J[rows] @ closure, _BRACKETS) for J, closure in self._closures]
+            precision = 1e-5  # of brackets
+            ranks = [np.linalg.matrix_rank(J[rows] @ closure, precision) for J, closure in self._closures]
             if ranks and float(np.median(ranks)) == count:  # brackets of the motions move outputs in all directions
                 return "3", every, "not directly"
         still = f"{each.rank} of {counted(count, 'direction')} of {short_names(each.names(self._names))} can be moved"
@@ -403,12 +403,12 @@ class _Exploring:
         known = [_Bound(place.block) for place in self._reduced.all_constraints.places]
         held = _Bound(_HeldRows(self._outputs.selected(tuple(self._first))))
         found: list[tuple[Array, Array]] = []
-        most_closures = 3  # configurations at which brackets are evaluated
+        most_closures, deepest = 3, 4  # configurations at which brackets are evaluated, and the order of these
         with suppress(RncError):
             resting = NonholonomicSystem(self._robot, [*known, held]).reduce()
             for q, J in zip(self._q, self._J, strict=True):
                 with suppress(SingularityError):
-                    found.append((J, grow(resting, q, limit=_DEEPEST).closure))
+                    found.append((J, grow(resting, q, limit=deepest).closure))
                 if len(found) == most_closures:
                     break
         return found

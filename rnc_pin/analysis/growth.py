@@ -24,10 +24,10 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import printed
 
 MARGIN = 1e3  # smallest ratio of a direction's singular value to the error and to the rejected singular values
-_ROUNDED, _SMALLEST = 1e-5, 1e-8  # smallest relative singular value: the first, a tenth per level, at least the second
+_SMALLEST = 1e-8  # relative singular value below which no direction counts
 DEEPEST = 12
 """Default limit of the number of levels after the first brackets."""
-_FEWEST, _MOST, _AGREEING = 8, 32, 3  # samples: least number, largest number, and number that must agree to stop
+_FEWEST = 8  # samples that are taken at least, if there are so many
 
 
 @dataclass(frozen=True)
@@ -193,10 +193,11 @@ def generic_growth(
     """
     found: list[tuple[Growth, np.ndarray]] = []
     generic: tuple[int, ...] = ()
-    for q in configurations[:_MOST]:
+    most, enough = 32, 3  # samples that are taken at most, and that have to agree to stop
+    for q in configurations[:most]:
         found.append((grow(reduced, q), q))
         generic = _largest([growth.vector for growth, _ in found])
-        if len(found) >= _FEWEST and sum(growth.vector == generic for growth, _ in found) >= _AGREEING:
+        if len(found) >= _FEWEST and sum(growth.vector == generic for growth, _ in found) >= enough:
             break
     agreeing = [each for each in found if each[0].vector == generic]
     # The largest dimensions may come from several samples, even if no sample has all of them.
@@ -333,7 +334,9 @@ def _levels(drawn: Sequence[Jets], start: np.ndarray, rejected: float, fading: f
         values = values[:room]
         # A value that an earlier level rejected is an error of this size, or a direction in doubt: it bounds both.
         floor = max(wrong, rejected, np.finfo(float).eps)
-        count = int((values > max(MARGIN * floor, _SMALLEST, _ROUNDED * 0.1 ** (level - 1))).sum())
+        # Directions exceed the rounding of a file's numbers; the limit falls by ten a level, as deeper brackets may.
+        rounded = 1e-5 * 0.1 ** (level - 1)
+        count = int((values > max(MARGIN * floor, _SMALLEST, rounded)).sum())
         none = values[count:].max(initial=0.0)
         doubtful = doubtful or bool(none > max(clear * floor, nothing))
         rejected = max(rejected, none)

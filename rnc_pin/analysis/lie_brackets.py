@@ -64,7 +64,6 @@ def frame_bracket(model: pin.Model) -> Bracket:
 PIECES = 3
 """Number of fields that a flow follows in turn. With three fields, their brackets with brackets of generators span a
 free Lie algebra up to degree 8 and beyond (``tests/analysis/test_lie_brackets.py``). Two fields do not."""
-_SPARE, _MORE = 8, 12  # degrees of the fit above the requested order: for dimensions, and for coefficients
 FLOW_TIMES = (0.5, 0.2, 0.05, 0.0125)  # flow times, tried in turn while the error is large
 
 
@@ -121,7 +120,8 @@ class BracketJets:
             found = self._pulled_back(times, order, generator)
             return found / np.maximum(np.abs(found).max(axis=(0, 1)), silent)
 
-        return _coefficients(values, order, time, _SPARE)
+        spare = 8  # degrees of the fit above the order, which take up the terms that the fit leaves out
+        return _coefficients(values, order, time, spare)
 
     def follow(self, order: int, time: float, fields: np.ndarray) -> Jets:
         """Return the Taylor coefficients of the coordinates of a ``PlacementChart`` at q along flows.
@@ -141,7 +141,9 @@ class BracketJets:
                 q = self._moved(q, self._steps(q, each, direction, order, self._normal_generators)[2])
             return np.moveaxis(chart.coordinates(q).reshape(len(times), count, -1), 1, 2)
 
-        return _coefficients(values, order, time, _MORE)
+        # Coefficients are results here, and need more digits than the dimensions of ``draw``.
+        spare = 12
+        return _coefficients(values, order, time, spare)
 
     def _pulled_back(self, times: np.ndarray, order: int, generator: np.random.Generator) -> np.ndarray:
         """Brackets of generators at the end of each piece of a flow, pulled back to q, (times, nv, functions)."""

@@ -26,7 +26,6 @@ from rnc_pin.model.rows import OutputKind, OutputStack
 from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin, counted, described, items
 
 _STEADY = 1e-8  # largest acceleration that counts as zero, relative to the accelerations that gravity causes
-_CLOSED = ROUNDING  # largest relative dependence on omitted coordinates, such as the angle of a non-round wheel
 
 Coordinate = str | OutputKind
 
@@ -249,7 +248,8 @@ def _restricted(
     chosen = moved @ np.linalg.pinv(seen)
     # Zero if the chosen coordinates move by themselves alone: least squares shows what else moves them.
     rest = (moved - chosen @ seen) @ admissible.T
-    if np.abs(rest).max() > _CLOSED * max(1.0, np.abs(A).max()):
+    # A wheel that the file makes slightly non-round depends on its angle by as much as the file rounds.
+    if np.abs(rest).max() > ROUNDING * max(1.0, np.abs(A).max()):
         missing = (*reduced.robot.velocity_names, *reduced.reducing.names)[int(np.argmax(np.abs(rest).max(axis=0)))]
         known = ", ".join((*read.names, *(reduced.reducing.names[i] for i in kept)))
         raise ConstraintError(f"not a closed system: the motion of {known} also depends on '{missing}'")

@@ -27,7 +27,6 @@ from rnc_pin.robots.derived_models import AttachedModel
 from rnc_pin.robots.joint_values import NamedModel
 
 _SMALL = 1e-9  # entry of a row, or relative singular value, that is rounding
-_ROUNDING = 1e-6  # share of the weight below which a force counts as zero
 
 
 class Contact(NamedTuple):
@@ -458,7 +457,7 @@ def balanced(
     return forces
 
 
-def first_lift_off(times: Array, forces: Array, names: Sequence[str], rounding: float = _ROUNDING) -> LiftOff | None:
+def first_lift_off(times: Array, forces: Array, names: Sequence[str], rounding: float = 1e-6) -> LiftOff | None:
     """Return the first contact whose normal force is below zero by more than rounding; None if all contacts hold.
 
     Args:

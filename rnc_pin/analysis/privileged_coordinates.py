@@ -33,7 +33,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import ReprMixin
 
 _SPAN = 1e-7  # singular value of unit vectors below which they are dependent
-_ACCURATE, _WRONG = 1e-11, 1e-6  # errors of coefficients that end the search, and that are refused
+_ACCURATE = 1e-11  # error of coefficients that ends the search for a better flow time
 
 Polynomial = tuple[Array, Array]
 """Powers (k, c) of the coordinates and coefficients (k,)."""
@@ -293,7 +293,8 @@ def _corrected(
         if error < _ACCURATE:
             break
     assert best is not None
-    if best[2] > _WRONG:
+    wrong = 1e-6  # a polynomial with such coefficients is no approximation of the chart
+    if best[2] > wrong:
         raise InfeasibleError(f"privileged coordinates: the error of their coefficients is {best[2]:.1g}")
     return best
 

@@ -54,13 +54,22 @@ class Assembly:
         self._leading = np.array([name not in dependent for name in self.names], dtype=bool)
 
     def frozen(self, t: float) -> Assembly:
-        """The same rows at time t [s]."""
+        """The same rows at time t [s].
+
+        Args:
+            t: the time [s].
+        """
         found = copy.copy(self)
         found._kinematics = Kinematics(self.robot, t)
         return found
 
     def residual(self, q: Array, t: Component | None = None) -> Array:
-        """Residual (..., h) of the holonomic rows at configurations (..., nq) and times t (...) [m or rad]."""
+        """Residual (..., h) of the holonomic rows at configurations (..., nq) and times t (...) [m or rad].
+
+        Args:
+            q: configurations (..., nq).
+            t: times (...) [s]; zero, or that of a frozen model, by default.
+        """
         if not self._places:
             return np.zeros((*q.shape[:-1], 0))
         return self._residual(self._kinematics.position(q, t))
@@ -69,13 +78,21 @@ class Assembly:
         return np.concatenate([block.residual(at)[..., rows] for block, rows in self._places], axis=-1)
 
     def rank(self, q: Array) -> int:
-        """Rank of the holonomic rows at a configuration (nq,)."""
+        """Rank of the holonomic rows at a configuration (nq,).
+
+        Args:
+            q: one configuration (nq,).
+        """
         if not self._places:
             return 0
         return int(np.linalg.matrix_rank(self.jacobian(self._kinematics.position(q)), rtol=TOLERANCE))
 
     def worst(self, q: Array) -> tuple[str, float]:
-        """Name of the row with the largest residual, and this residual [m or rad]."""
+        """Name of the row with the largest residual, and this residual [m or rad].
+
+        Args:
+            q: one configuration (nq,).
+        """
         residual = self.residual(q)
         row = int(np.argmax(np.abs(residual)))
         return self.names[row], float(residual[row])
@@ -111,7 +128,11 @@ class Assembly:
         )
 
     def remedy(self, name: str) -> str:
-        """Proposal for a row that is not satisfied: on a ball as ground, bodies roll outside. Empty without one."""
+        """Proposal for a row that is not satisfied: on a ball as ground, bodies roll outside. Empty without one.
+
+        Args:
+            name: name of the row.
+        """
         grounds = (getattr(block.kind, "ground", None) for block, _ in self._places if name in block.names)
         outside = any(getattr(each, "inside", False) for each in grounds)
         return "; its ground is hollow: inside=False if bodies roll on the outside of a ball or pipe" if outside else ""
@@ -170,6 +191,10 @@ class Assembly:
     def random_configuration(self, generator: np.random.Generator, spread: float = np.pi) -> Array:
         """Random configuration that satisfies the rows: ``Robot.random_configuration``, projected, with retries.
 
+        Args:
+            generator: source of the random numbers.
+            spread: largest distance from the neutral configuration before the projection [rad or m].
+
         Raises:
             ConstraintError: the projection failed at every try.
         """
@@ -214,7 +239,11 @@ class Assembly:
         return np.stack(configurations)
 
     def jacobian(self, at: PositionKinematics) -> Array:
-        """Jacobian (h, nv) of the rows at one configuration; it gives the rate of ``residual`` where that is zero."""
+        """Jacobian (h, nv) of the rows at one configuration; it gives the rate of ``residual`` where that is zero.
+
+        Args:
+            at: kinematics at one configuration (nq,).
+        """
         none = np.zeros((0, self.robot.nv))
         return np.concatenate([none, *(block.jacobian(at)[chosen] for block, chosen in self._places)])
 

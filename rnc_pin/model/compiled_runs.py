@@ -107,17 +107,33 @@ class CompiledRuns:
         """Quantities of states (q, v) with records of kinematics.
 
         Only runs with status 1 are measured; the status becomes 0 where the run takes its own path.
+
+        Args:
+            q: configurations (B, nq).
+            v: full velocities (B, nv).
+            kinematics: records of kinematics at q.
+            status: result (B,), and which runs are measured.
         """
         found = self._kernel.run_records(q.shape[:-1], kinematics)
         self._calls.measure(q, v, *found, status, True)
         return found
 
     def states(self, q: Array, v: Array, records: RunRecords) -> StateEvaluation:
-        """Evaluation at states (..., nq), (..., nv) from their records, which nobody may change afterwards."""
+        """Evaluation at states (..., nq), (..., nv) from their records, which nobody may change afterwards.
+
+        Args:
+            q: configurations (..., nq).
+            v: full velocities (..., nv) [rad/s or m/s].
+            records: their records.
+        """
         return self._evaluator.filled_state(self._kernel, q, v, records)
 
 
 def runs_of(evaluator: Evaluator) -> CompiledRuns | None:
-    """Calls of the kernel for many runs; None where each run has to take its own path."""
+    """Calls of the kernel for many runs; None where each run has to take its own path.
+
+    Args:
+        evaluator: evaluator of the reduction in which runs are measured.
+    """
     kernel = evaluator.kernel
     return None if kernel is None or evaluator.data.rheonomic else CompiledRuns(evaluator, kernel)

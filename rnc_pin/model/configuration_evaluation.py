@@ -74,6 +74,11 @@ class ConfigurationEvaluation(SummaryMixin):
     def at(cls, evaluator: ArraySource, q: Array, *, t: Component | None = None) -> ConfigurationEvaluation:
         """Evaluation at admitted configurations (..., nq), which become read-only, and times t (...).
 
+        Args:
+            evaluator: evaluator of the reduction.
+            q: configurations (..., nq).
+            t: times (...) [s]; None for constraints that do not depend on time.
+
         Raises:
             InputError: the rows of the constraints depend on time, and t is missing.
         """
@@ -85,7 +90,11 @@ class ConfigurationEvaluation(SummaryMixin):
         return cls(evaluator, q, None, t)
 
     def in_reduction(self, evaluator: ArraySource) -> ConfigurationEvaluation:
-        """The same configurations in another reduction of the same system."""
+        """The same configurations in another reduction of the same system.
+
+        Args:
+            evaluator: evaluator of the other reduction.
+        """
         return ConfigurationEvaluation(evaluator, self.q, self, self.t)
 
     @cached_property
@@ -280,7 +289,11 @@ class ConfigurationEvaluation(SummaryMixin):
     # ------------------------------------------------------------------ outputs and inputs
 
     def outputs(self, integrals: ArrayInput | None = None) -> tuple[Array, Array]:
-        """Values x1 (..., k) and x2 (..., r); quasi-velocities take the given integrals, else zero."""
+        """Values x1 (..., k) and x2 (..., r); quasi-velocities take the given integrals, else zero.
+
+        Args:
+            integrals: integrals of v2 over time (..., r) [rad or m].
+        """
         x1, x2 = self._values
         quasi = self._data.reducing.quasi
         if integrals is not None and self._data.reducing.has_quasi:
@@ -296,7 +309,11 @@ class ConfigurationEvaluation(SummaryMixin):
         return values
 
     def velocity(self, v2: Array) -> Float[Array, "*batch nv"]:
-        """Full velocity ``R v2 + b`` for reduced velocities (..., r)."""
+        """Full velocity ``R v2 + b`` for reduced velocities (..., r).
+
+        Args:
+            v2: reduced velocities (..., r) [rad/s or m/s].
+        """
         if (filled := self.arrays_at_q.velocity(self, v2)) is not None:
             return filled
         v = apply(self.R, v2)
@@ -305,13 +322,20 @@ class ConfigurationEvaluation(SummaryMixin):
     def allocate(self, F: ArrayInput) -> Float[Array, "*batch p"]:
         """Actuator inputs T with ``R^T B T = F``; those of least norm if they are not unique.
 
+        Args:
+            F: reduced forces (..., r) [N or N m].
+
         Raises:
             ConstraintError: the actuators cannot produce every F (rank of ``R^T B`` below r).
         """
         return self.allocated(vector(F, self._data.r, "F"))
 
     def allocated(self, F: Array) -> Float[Array, "*batch p"]:
-        """As ``allocate``, for an array (..., r)."""
+        """As ``allocate``, for an array (..., r).
+
+        Args:
+            F: reduced forces (..., r), valid [N or N m].
+        """
         if (filled := self.arrays_at_q.allocated(F)) is not None:
             return filled
         data = self._data
@@ -362,7 +386,11 @@ class ConfigurationEvaluation(SummaryMixin):
 
 
 def no_time(data: ReductionData) -> InputError:
-    """Error for an evaluation without the time that the constraints need."""
+    """Error for an evaluation without the time that the constraints need.
+
+    Args:
+        data: the reduction.
+    """
     return InputError(
         f"{', '.join(rheonomic_names(data.rows))}: the constraints depend on time; give it, as in "
         "reduced.at(q, v2, t=0.0), or use the model at one time, reduced.frozen(t=0.0)"
@@ -370,6 +398,11 @@ def no_time(data: ReductionData) -> InputError:
 
 
 def scaled_rows(E: Array, typical: Array) -> Float[Array, "*batch nv nv"]:
-    """Rows of E (..., nv, nv) divided by the larger of their length and their typical length (nv,) or (..., nv)."""
+    """Rows of E (..., nv, nv) divided by the larger of their length and their typical length (nv,) or (..., nv).
+
+    Args:
+        E: rows of constraints and outputs.
+        typical: typical lengths of the rows at other configurations.
+    """
     lengths = np.fmax(np.linalg.norm(E, axis=-1), typical)
     return E / np.where(lengths > 0, lengths, 1.0)[..., None]

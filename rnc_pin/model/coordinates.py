@@ -54,6 +54,9 @@ class Coordinates:
     def choose(self, places: np.ndarray) -> Coordinates:
         """Coordinate types of the outputs at some indices, in this order.
 
+        Args:
+            places: indices of the outputs.
+
         Raises:
             ConfigurationError: the three components of a rotation are not all chosen, in order.
         """
@@ -72,7 +75,12 @@ class Coordinates:
         return Coordinates(self.angular[chosen], sorted(rotations), names)
 
     def difference(self, desired: np.ndarray, actual: np.ndarray) -> np.ndarray:
-        """``desired - actual`` (..., k): angles in (-pi, pi]; ``log(Rd R^T)`` in world axes for rotations."""
+        """``desired - actual`` (..., k): angles in (-pi, pi]; ``log(Rd R^T)`` in world axes for rotations.
+
+        Args:
+            desired: goals (..., k) [rad or m].
+            actual: values (..., k) [rad or m].
+        """
         error = angle_difference(desired, actual, self.angular) if self._has_angles else desired - actual
         for triple in self._triples:
             goal, here = desired[..., triple], actual[..., triple]
@@ -92,6 +100,11 @@ class Coordinates:
         """Rate of ``difference`` (..., k), from the error and both rates.
 
         Rotations have ``edot = J(e)^-1 wd - J(-e)^-1 w``.
+
+        Args:
+            error: the difference (..., k) [rad or m].
+            desired_rate: rates of the goals (..., k); rotations have angular velocities in world axes [rad/s].
+            rate: rates of the values (..., k), in the same axes.
         """
         change = desired_rate - rate
         for triple in self._triples:
@@ -103,7 +116,12 @@ class Coordinates:
         return change
 
     def moved(self, start: np.ndarray, by: np.ndarray) -> np.ndarray:
-        """``start`` displaced by ``by``, (k,). Rotations are rotated by the rotation vector ``by`` in world axes."""
+        """``start`` displaced by ``by``, (k,). Rotations are rotated by the rotation vector ``by`` in world axes.
+
+        Args:
+            start: values (k,) [rad or m].
+            by: displacements (k,) [rad or m].
+        """
         goal = np.array(start + by)
         for triple in self._triples:
             goal[triple] = pin.log3(pin.exp3(by[triple]) @ pin.exp3(start[triple]))
@@ -112,7 +130,13 @@ class Coordinates:
     def to_rates(
         self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Rates and accelerations (k,) of a reference; rotations get angular velocity and angular acceleration."""
+        """Rates and accelerations (k,) of a reference; rotations get angular velocity and angular acceleration.
+
+        Args:
+            position: values (k,); rotations as rotation vectors.
+            velocity: their first derivatives (k,) [rad/s or m/s].
+            acceleration: their second derivatives (k,) [rad/s^2 or m/s^2].
+        """
         if not self._triples or not (velocity.any() or acceleration.any()):
             return velocity, acceleration
         velocity, acceleration = np.array(velocity), np.array(acceleration)
@@ -147,7 +171,13 @@ class Coordinates:
 
 
 def angle_difference(desired: np.ndarray, actual: np.ndarray, angular: np.ndarray) -> np.ndarray:
-    """``desired - actual`` (..., k), with angles wrapped to (-pi, pi]."""
+    """``desired - actual`` (..., k), with angles wrapped to (-pi, pi].
+
+    Args:
+        desired: goals (..., k) [rad or m].
+        actual: values (..., k) [rad or m].
+        angular: mask of the angles (k,).
+    """
     difference = desired - actual
     if angular.any():
         difference = np.where(angular, wrapped(difference), difference)
@@ -166,17 +196,30 @@ def arc_chord(turn: _Angle) -> tuple[_Angle, _Angle]:
 
 
 def wrapped(angle: _Angle) -> _Angle:
-    """Angle, or array of angles, wrapped to (-pi, pi]."""
+    """Angle, or array of angles, wrapped to (-pi, pi].
+
+    Args:
+        angle: one angle, or any array [rad].
+    """
     return np.pi - np.mod(np.pi - angle, 2 * np.pi)
 
 
 def heading_of(rotation: np.ndarray) -> float:
-    """Yaw of the x axis of a rotation matrix (3, 3) [rad]."""
+    """Yaw of the x axis of a rotation matrix (3, 3) [rad].
+
+    Args:
+        rotation: axes of the frame as columns, in the world.
+    """
     return float(np.arctan2(rotation[1, 0], rotation[0, 0]))
 
 
 def left_jacobian(r: np.ndarray, r_dot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Left Jacobian J(r) with ``w = J(r) rdot``, and its rate along ``rdot``, (3, 3) each."""
+    """Left Jacobian J(r) with ``w = J(r) rdot``, and its rate along ``rdot``, (3, 3) each.
+
+    Args:
+        r: rotation vector (3,) [rad].
+        r_dot: its derivative (3,) [rad/s].
+    """
     square = float(r @ r)
     u = np.sqrt(square)
     small = 1e-2  # [rad]: below it the quotients lose digits by cancellation, and two terms of the series are exact
@@ -196,7 +239,13 @@ def left_jacobian(r: np.ndarray, r_dot: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def rotation_vector_rates(r: np.ndarray, w: np.ndarray, w_dot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """First and second derivative (3,) of a rotation vector, from the angular velocity and acceleration."""
+    """First and second derivative (3,) of a rotation vector, from the angular velocity and acceleration.
+
+    Args:
+        r: rotation vector (3,) [rad].
+        w: angular velocity (3,) in world axes [rad/s].
+        w_dot: angular acceleration (3,) in world axes [rad/s^2].
+    """
     J, _ = left_jacobian(r, np.zeros(3))
     r_dot = np.linalg.solve(J, w)
     _, J_dot = left_jacobian(r, r_dot)
@@ -242,18 +291,34 @@ class ConfigurationManifold:
         self.nv = model.nv
 
     def integrate(self, q: Float[Array, "n nq"], step: Float[Array, "n nv"]) -> Float[Array, "n nq"]:
-        """Configurations displaced by tangent vectors."""
+        """Configurations displaced by tangent vectors.
+
+        Args:
+            q: configurations (n, nq).
+            step: displacements (n, nv), in the moving axes of planar, spherical and free joints [rad or m].
+        """
         return np.array([pin.integrate(self._model, a, b) for a, b in zip(q, step, strict=True)]).reshape(q.shape)
 
     def difference(self, start: Float[Array, "n nq"], end: Float[Array, "n nq"]) -> Float[Array, "n nv"]:
-        """Tangent vectors at ``start`` that lead to ``end``."""
+        """Tangent vectors at ``start`` that lead to ``end``.
+
+        Args:
+            start: configurations (n, nq).
+            end: configurations (n, nq).
+        """
         found = [pin.difference(self._model, a, b) for a, b in zip(start, end, strict=True)]
         return np.array(found).reshape(len(start), self.nv)
 
     def interpolate(
         self, start: Float[Array, "*n nq"], end: Float[Array, "*n nq"], parts: Float[Array, " n"]
     ) -> Float[Array, "n nq"]:
-        """Configurations on the geodesics between two configurations, at fractions of them."""
+        """Configurations on the geodesics between two configurations, at fractions of them.
+
+        Args:
+            start: one configuration, or one for each part.
+            end: one configuration, or one for each part.
+            parts: fractions from 0 at the start to 1 at the end (n,).
+        """
         step = parts[:, None] * self.difference(np.atleast_2d(start), np.atleast_2d(end))
         return self.integrate(np.broadcast_to(start, (len(parts), start.shape[-1])), step)
 
@@ -286,7 +351,11 @@ class PlacementChart:
         self._free = [(joint.idx_q, joint.idx_v) for joint in joints if _is(joint, "FreeFlyer")]
 
     def coordinates(self, q: Float[Array, "n nq"]) -> Float[Array, "n nv"]:
-        """Coordinates of configurations."""
+        """Coordinates of configurations.
+
+        Args:
+            q: configurations (n, nq).
+        """
         center = self._center
         found = self._manifold.difference(np.broadcast_to(center, q.shape), q)
         for at, to in self._planar:
@@ -297,7 +366,11 @@ class PlacementChart:
         return found
 
     def jacobian(self, q: Float[Array, "n nq"]) -> Float[Array, "n nv nv"]:
-        """Derivatives of the coordinates along tangent vectors at the configurations."""
+        """Derivatives of the coordinates along tangent vectors at the configurations.
+
+        Args:
+            q: configurations (n, nq).
+        """
         n, nv = len(q), self._manifold.nv
         if self._real:
             found = np.tile(np.eye(nv), (n, 1, 1))

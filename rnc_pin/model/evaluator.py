@@ -113,7 +113,14 @@ class Evaluator:
     def at(
         self, q: ArrayInput, v2: ArrayInput | None = None, v: ArrayInput | None = None, t: ArrayInput | None = None
     ) -> ConfigurationEvaluation | StateEvaluation:
-        """Validate and evaluate configurations or states, as ``ReducedModel.at``."""
+        """Validate and evaluate configurations or states, as ``ReducedModel.at``.
+
+        Args:
+            q: configurations (..., nq).
+            v2: reduced velocities (..., r).
+            v: measured full velocities (..., nv), instead of v2.
+            t: times (...) [s].
+        """
         q, data = self.validator.validate(q), self.data
         if t is not None and type(t) is not float:
             admit_numbers(t, "t")
@@ -130,7 +137,13 @@ class Evaluator:
         return ConfigurationEvaluation.at(self, q, t=t)
 
     def state(self, q: ArrayInput, v2: ArrayInput, t: ArrayInput | None = None) -> StateEvaluation:
-        """Validate and evaluate states (q, v2)."""
+        """Validate and evaluate states (q, v2).
+
+        Args:
+            q: configurations (..., nq).
+            v2: reduced velocities (..., r) [rad/s or m/s].
+            t: times (...) of rheonomic constraints [s]; others ignore them.
+        """
         found = self.at(q, v2, None, t)
         if not isinstance(found, StateEvaluation):
             raise InputError("v2 is missing: expected the reduced velocity")
@@ -147,7 +160,13 @@ class Evaluator:
         return here.J1, here.outputs()[0]
 
     def measured(self, q: Array, v: Array, t: float | None = None) -> StateEvaluation:
-        """Evaluate one validated state (nq,), (nv,) with all that a measurement needs."""
+        """Evaluate one validated state (nq,), (nv,) with all that a measurement needs.
+
+        Args:
+            q: configuration (nq,), contiguous.
+            v: full velocity (nv,), which need not satisfy the constraints.
+            t: time of rheonomic constraints [s].
+        """
         kernel = self.kernel
         if kernel is not None and kernel.measures:
             found, status = kernel.run_records(()), np.array([1.0])
@@ -159,7 +178,15 @@ class Evaluator:
     def filled_state(
         self, kernel: ReductionKernel, q: Array, v: Array, records: RunRecords, t: float | None = None
     ) -> StateEvaluation:
-        """Evaluation at states (..., nq), (..., nv) from their records, which nobody may change afterwards."""
+        """Evaluation at states (..., nq), (..., nv) from their records, which nobody may change afterwards.
+
+        Args:
+            kernel: kernel of the reduction.
+            q: configurations (..., nq).
+            v: full velocities (..., nv) [rad/s or m/s].
+            records: records of these states.
+            t: time of rheonomic constraints [s].
+        """
         records.rates.setflags(write=False)  # CompiledArraysAtQ protects those at q
         records.values.setflags(write=False)
         batch, r = q.shape[:-1], self.data.r
@@ -173,7 +200,14 @@ class Evaluator:
     # ------------------------------------------------------------------ whole calls
 
     def forward_dynamics(self, q: ArrayInput, v2: ArrayInput, T: ArrayInput, t: ArrayInput | None) -> Array:
-        """Reduced accelerations (..., r) under inputs T (..., p)."""
+        """Reduced accelerations (..., r) under inputs T (..., p).
+
+        Args:
+            q: configurations (..., nq).
+            v2: reduced velocities (..., r) [rad/s or m/s].
+            T: actuator inputs (..., p) [N or N m].
+            t: times (...) of rheonomic constraints [s]; others ignore them.
+        """
         if self.kernel is not None:
             found = self._called(self.kernel.calls.forward_dynamics, (q, v2, T), t)
             if found is not None:
@@ -181,7 +215,14 @@ class Evaluator:
         return self.state(q, v2, t).v2_dot(T)
 
     def inverse_dynamics(self, q: ArrayInput, v2: ArrayInput, v2_dot: ArrayInput, t: ArrayInput | None) -> Array:
-        """Reduced forces (..., r) for accelerations v2_dot (..., r)."""
+        """Reduced forces (..., r) for accelerations v2_dot (..., r).
+
+        Args:
+            q: configurations (..., nq).
+            v2: reduced velocities (..., r) [rad/s or m/s].
+            v2_dot: reduced accelerations (..., r) [rad/s^2 or m/s^2].
+            t: times (...) of rheonomic constraints [s]; others ignore them.
+        """
         if self.kernel is not None:
             found = self._called(self.kernel.calls.inverse_dynamics, (q, v2, v2_dot), t)
             if found is not None:
@@ -212,7 +253,12 @@ class Evaluator:
         return self.kernel.rates_at(float(t), q.shape[:-1] if isinstance(q, Array) else ())
 
     def terms(self, q: ArrayInput, v2: ArrayInput) -> ReducedTerms:
-        """All matrices at states (..., nq), (..., r)."""
+        """All matrices at states (..., nq), (..., r).
+
+        Args:
+            q: configurations (..., nq).
+            v2: reduced velocities (..., r) [rad/s or m/s].
+        """
         kernel = self.kernel
         self.data.robot.check_unchanged()
         numbers = None if kernel is None or not type(q) is type(v2) is Array else kernel.calls.terms(q, v2)
@@ -270,7 +316,13 @@ class Evaluator:
         return state_rates(StateEvaluation.at(self, q, v2, t=t), T, damping, external)
 
     def admissible_velocity(self, q: Array, v2: Array, t: float | None = None) -> tuple[Array, float]:
-        """Full velocity (nv,) at one state, and the sum of the squares of R."""
+        """Full velocity (nv,) at one state, and the sum of the squares of R.
+
+        Args:
+            q: configuration (nq,).
+            v2: reduced velocities (r,).
+            t: time of rheonomic constraints [s].
+        """
         if self.kernel is not None:
             calls, v, size = self.kernel.calls, np.empty(self.data.n), np.empty(1)
             calls.admissible_velocities((calls,), q, v2, self._rates(t), None, v, size)
@@ -284,7 +336,14 @@ class Evaluator:
     def state_derivatives(
         self, q: ArrayInput, v2: ArrayInput, T: ArrayInput, t: ArrayInput | None = None
     ) -> Mapping[str, Array] | None:
-        """Derivatives by name, as read-only views; None if ``analysis.derivatives`` has to evaluate them."""
+        """Derivatives by name, as read-only views; None if ``analysis.derivatives`` has to evaluate them.
+
+        Args:
+            q: configurations (..., nq).
+            v2: reduced velocities (..., r) [rad/s or m/s].
+            T: actuator inputs (..., p) [N or N m].
+            t: times (...) of rheonomic constraints [s]; others ignore them.
+        """
         kernel = self.kernel
         if kernel is None or not type(q) is type(v2) is type(T) is Array:
             return None
@@ -373,6 +432,13 @@ class Evaluator:
 
         The last are by state, input and step. None if formulas have to evaluate them. Arguments are as of
         ``planned_steps``.
+
+        Args:
+            form: as for ``planned_motion``.
+            q: configurations (n, nq).
+            w: reduced velocities (n, nw).
+            u: inputs (n, nu).
+            h: durations of the steps (n,) [s].
         """
         kernel = self.kernel
         if kernel is None:
@@ -406,7 +472,14 @@ class Evaluator:
 
 
 def state_rates(state: StateEvaluation, T: Array, damping: Array | None, external: Array | None) -> tuple[Array, Array]:
-    """Full velocity at a state, and the rates of v2, the integrals of J1 v, the time if rheonomic, and the work."""
+    """Full velocity at a state, and the rates of v2, the integrals of J1 v, the time if rheonomic, and the work.
+
+    Args:
+        state: evaluation of the states.
+        T: actuator inputs (..., p) [N or N m].
+        damping: viscous coefficients (nv,); None for zero.
+        external: generalized forces (..., nv) in addition to inputs; None for zero.
+    """
     v, v2_dot, power = state.flow(T, damping, external)
     return v, np.concatenate([v2_dot, state.v1, [power] if state.t is None else [1.0, power]])
 

@@ -57,7 +57,12 @@ def factorize(data: ReductionData, position: PositionKinematics) -> Factorizatio
 
 
 def constraint_rows(data: ReductionData, position: PositionKinematics) -> Float[Array, "m nv"]:
-    """Independent constraint rows A at one configuration; the default rows where there are too few."""
+    """Independent constraint rows A at one configuration; the default rows where there are too few.
+
+    Args:
+        data: the reduction.
+        position: kinematics at one configuration (nq,).
+    """
     if data.rows.size == data.m:
         return data.constraints.jacobian(position)
     rows = data.rows.jacobian(position)
@@ -66,7 +71,13 @@ def constraint_rows(data: ReductionData, position: PositionKinematics) -> Float[
 
 
 def row_lengths(data: ReductionData, kept: Array | None, batch: tuple[int, ...]) -> Float[Array, "*batch nv"]:
-    """Typical length of each row of E at other configurations."""
+    """Typical length of each row of E at other configurations.
+
+    Args:
+        data: the reduction.
+        kept: indices of the constraint rows in A (..., m); None for the default rows.
+        batch: leading axes of the states.
+    """
     if kept is None:
         return data.lengths
     outputs = np.broadcast_to(data.output_scales, (*batch, data.r))
@@ -77,6 +88,11 @@ def dependences(E: Array, E_inverse: Array, lengths: Array) -> Float[Array, "*ba
     """One over the sine of the angle between each row and the span of the others.
 
     A row that vanishes depends on all of them. Therefore its typical length at other configurations is used.
+
+    Args:
+        E: rows (..., nv, nv).
+        E_inverse: their inverse (..., nv, nv).
+        lengths: typical lengths of the rows, (nv,) or (..., nv).
     """
     rows = np.linalg.norm(E, axis=-1)
     columns = np.linalg.norm(E_inverse, axis=-2)

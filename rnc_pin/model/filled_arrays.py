@@ -108,23 +108,46 @@ class ArraysAtQ:
         return None
 
     def position_of(self, data: ReductionData, at: Configurations) -> PositionKinematics:
-        """Kinematics at the configurations."""
+        """Kinematics at the configurations.
+
+        Args:
+            data: the reduction.
+            at: evaluation at the configurations.
+        """
         return data.kinematics.position(at.q, at.t)
 
     def output_values(self, data: ReductionData, at: Configurations) -> tuple[Array, Array]:
-        """Values x1 (..., k) and x2 (..., r); zero for quasi-velocities."""
+        """Values x1 (..., k) and x2 (..., r); zero for quasi-velocities.
+
+        Args:
+            data: the reduction.
+            at: evaluation at the configurations.
+        """
         return data.vertical.value(at.position), data.reducing.value(at.position)
 
     def velocity(self, at: Configurations, v2: Array) -> Array | None:
-        """Full velocity (..., nv) for reduced velocities (..., r)."""
+        """Full velocity (..., nv) for reduced velocities (..., r).
+
+        Args:
+            at: evaluation at the configurations.
+            v2: reduced velocities (..., r) [rad/s or m/s].
+        """
         return None
 
     def allocated(self, F: Array) -> Array | None:
-        """Actuator inputs (..., p) for reduced forces (..., r)."""
+        """Actuator inputs (..., p) for reduced forces (..., r).
+
+        Args:
+            F: reduced forces (..., r) [N or N m].
+        """
         return None
 
     def output_slopes(self, along: Sequence[int] | Array) -> Array | None:
-        """Rates (s, ..., k, r) of A_star in motions of single reducing outputs, by their indices (s,)."""
+        """Rates (s, ..., k, r) of A_star in motions of single reducing outputs, by their indices (s,).
+
+        Args:
+            along: indices of the reducing outputs (s,).
+        """
         return None
 
 
@@ -162,7 +185,11 @@ class ArraysAtV:
         return None
 
     def accelerated(self, force: Array) -> Array | None:
-        """Reduced acceleration (..., r) under generalized forces (..., nv), passive ones included."""
+        """Reduced acceleration (..., r) under generalized forces (..., nv), passive ones included.
+
+        Args:
+            force: generalized forces (..., nv) [N or N m].
+        """
         return None
 
     def input_accelerations(self, B: Array) -> tuple[Array, Array] | None:
@@ -179,7 +206,12 @@ class ArraySource(Protocol):
     data: ReductionData
 
     def fill_at_q(self, at: Configurations, known: ArraysAtQ | None) -> ArraysAtQ:
-        """Fill arrays for q, perhaps from those of the same configurations in another reduction."""
+        """Fill arrays for q, perhaps from those of the same configurations in another reduction.
+
+        Args:
+            at: evaluation at the configurations.
+            known: arrays of the same configurations in another reduction.
+        """
 
 
 class KnownKinematics(PositionKinematics):
@@ -438,7 +470,12 @@ class CompiledArraysAtV(ArraysAtV):
 
 
 def arrays_at_v(at: States, filled: ArraysAtQ) -> ArraysAtV:
-    """Arrays for the velocities of an evaluation, from those for its configurations."""
+    """Arrays for the velocities of an evaluation, from those for its configurations.
+
+    Args:
+        at: evaluation at the states.
+        filled: arrays for their configurations.
+    """
     if not isinstance(filled, CompiledArraysAtQ) or at.v.shape[:-1] != filled.batch:
         return _NOTHING_AT_V
     return CompiledArraysAtV(filled, at.v, at.motion if filled.kernel.python_rows else None, at.t)
@@ -447,7 +484,14 @@ def arrays_at_v(at: States, filled: ArraysAtQ) -> ArraysAtV:
 def concatenated(
     places: Sequence[Place], at: _Kinematics | None, of: Callable[[Rows, _Kinematics], Array], axis: int
 ) -> Array | None:
-    """Concatenate a quantity of blocks that Python evaluates, along the axis of the rows; None without blocks."""
+    """Concatenate a quantity of blocks that Python evaluates, along the axis of the rows; None without blocks.
+
+    Args:
+        places: the blocks.
+        at: their kinematics.
+        of: quantity of a block.
+        axis: axis of the rows.
+    """
     if not places:
         return None
     assert at is not None  # blocks of Python come with their kinematics
@@ -457,5 +501,10 @@ def concatenated(
 
 
 def empty_records(shape: tuple[int, ...], record: np.dtype[np.void]) -> Array:
-    """Records without values; NumPy's ``empty`` takes several times as long for a type with fields."""
+    """Records without values; NumPy's ``empty`` takes several times as long for a type with fields.
+
+    Args:
+        shape: leading axes.
+        record: type of one record.
+    """
     return np.ndarray(shape, record, np.empty((*shape, record.itemsize // 8)))

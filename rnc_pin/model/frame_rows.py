@@ -37,7 +37,12 @@ _UNIT = np.eye(3)
 
 
 def point_name(frame: str, point: np.ndarray) -> str:
-    """Name of a point (3,) in a frame's axes: that of the frame, with the coordinates unless it is the origin."""
+    """Name of a point (3,) in a frame's axes: that of the frame, with the coordinates unless it is the origin.
+
+    Args:
+        frame: name of the frame.
+        point: coordinates (3,) in the frame's axes [m].
+    """
     return f"{frame}[{' '.join(f'{each:g}' for each in point)}]" if point.any() else frame
 
 
@@ -70,17 +75,30 @@ class OffsetFrame:
         self.offset = pin.SE3(rotation, point)
 
     def placement(self, at: PositionKinematics) -> Placement:
-        """Placement of the offset frame in the world."""
+        """Placement of the offset frame in the world.
+
+        Args:
+            at: kinematics at configurations (..., nq).
+        """
         place = at.placement(self.index)
         return Placement(place.rotation @ self._rotation, place.translation + apply(place.rotation, self._point))
 
     def attached(self, model: pin.Model) -> AttachedFrame:
-        """Joint and constant placement of the offset frame."""
+        """Joint and constant placement of the offset frame.
+
+        Args:
+            model: Pinocchio's model of the robot.
+        """
         return attached(model, self.index, pin.SE3(self._rotation, self._point))
 
 
 def triple(values: Vector, what: str) -> np.ndarray:
-    """Convert a value to three finite numbers (3,); the error message names it by ``what``."""
+    """Convert a value to three finite numbers (3,); the error message names it by ``what``.
+
+    Args:
+        values: three numbers.
+        what: the value in messages.
+    """
     found = np.asarray(values, dtype=float)
     if found.shape != (3,) or not np.isfinite(found).all():
         raise ConfigurationError(f"{what}: expected three finite numbers, found {values}")
@@ -93,7 +111,11 @@ AXES = {"x": 0, "y": 1, "z": 2}
 
 
 def axis_index(axis: str) -> int:
-    """Index 0, 1 or 2 of the axis "x", "y" or "z"."""
+    """Index 0, 1 or 2 of the axis "x", "y" or "z".
+
+    Args:
+        axis: name of the axis.
+    """
     if axis not in AXES:
         raise ConfigurationError(f"axis '{axis}' is not known{nearest(str(axis), AXES)}")
     return AXES[axis]
@@ -159,20 +181,37 @@ class WrenchRows(Rows):
 
     @abstractmethod
     def wrench(self, place: Placement) -> np.ndarray:
-        """Wrenches (..., l, 6) or (l, 6) for placements of the frame; analytic in complex numbers."""
+        """Wrenches (..., l, 6) or (l, 6) for placements of the frame; analytic in complex numbers.
+
+        Args:
+            place: placements of the frame in the world.
+        """
 
     @abstractmethod
     def wrench_rate(self, place: Placement, velocity: np.ndarray) -> np.ndarray:
-        """Rate of ``wrench`` for velocities (..., 6) of the frame."""
+        """Rate of ``wrench`` for velocities (..., 6) of the frame.
+
+        Args:
+            place: placements of the frame in the world.
+            velocity: its velocities (..., 6): linear at its origin, then angular, in world axes.
+        """
 
     def check_defined(self, at: PositionKinematics) -> None:
-        """Raise ``SingularityError`` at states where the wrenches are not defined."""
+        """Raise ``SingularityError`` at states where the wrenches are not defined.
+
+        Args:
+            at: kinematics at configurations (..., nq).
+        """
 
     def _combined(self, wrenches: np.ndarray) -> np.ndarray:
         return wrenches if self.combination is None else self.combination @ wrenches
 
     def wrenches(self, at: PositionKinematics) -> np.ndarray:
-        """W at states, (..., k, 6) or (k, 6), kept there; do not write to it."""
+        """W at states, (..., k, 6) or (k, 6), kept there; do not write to it.
+
+        Args:
+            at: kinematics at configurations (..., nq).
+        """
         known = at.wrenches.get(self)
         if known is None:
             self.check_defined(at)
@@ -284,7 +323,11 @@ class DirectionRows(WrenchRows):
         """Wrenches (l, 6) for c directions in world axes: plain arithmetic, so that entries can be symbols too."""
 
     def world_directions(self, rotation: np.ndarray) -> list[Sequence[Component]]:
-        """Directions in world axes, for rotations (..., 3, 3) of the frame."""
+        """Directions in world axes, for rotations (..., 3, 3) of the frame.
+
+        Args:
+            rotation: axes of the frame as columns, in the world.
+        """
         columns = rotation @ self.directions
         return [components(columns[..., k]) for k in range(columns.shape[-1])]
 
@@ -321,14 +364,25 @@ Formula: TypeAlias = "Callable[..., Sequence[Sequence[Entry]]]"
 
 
 def evaluated(formula: Formula, vectors: Sequence[Sequence[Component]]) -> np.ndarray:
-    """Matrix (..., k, l) of a formula of vectors, which are given by their components."""
+    """Matrix (..., k, l) of a formula of vectors, which are given by their components.
+
+    Args:
+        formula: the formula.
+        vectors: components of each vector.
+    """
     return packed(cast("Sequence[Sequence[Component]]", formula(*vectors)), vectors[0][0])
 
 
 def rate_of(
     formula: Formula, vectors: Sequence[Sequence[Component]], rates: Sequence[Sequence[Component]]
 ) -> np.ndarray:
-    """Rate (..., k, l) of this matrix for rates of the vectors."""
+    """Rate (..., k, l) of this matrix for rates of the vectors.
+
+    Args:
+        formula: the formula.
+        vectors: components of each vector.
+        rates: components of their rates.
+    """
     moving = [[Dual(*both) for both in zip(*each, strict=True)] for each in zip(vectors, rates, strict=True)]
     rows = [[entry.slope if isinstance(entry, Dual) else 0.0 for entry in row] for row in formula(*moving)]
     return packed(rows, vectors[0][0])

@@ -206,7 +206,11 @@ class Actuation:
         return None if self._function is not None else (self._constant, self.frames)
 
     def matrix(self, at: PositionKinematics) -> np.ndarray:
-        """Actuation matrix B(q), (..., nv, p)."""
+        """Actuation matrix B(q), (..., nv, p).
+
+        Args:
+            at: kinematics at configurations (..., nq).
+        """
         shape = self._constant.shape
         if self._function is not None:
             return over_states(self._called, shape, at.q)
@@ -223,7 +227,11 @@ class Actuation:
         return admit_rows(self._function(q), self._constant.shape, "actuation matrix B(q)")
 
     def matrix_rate(self, at: VelocityKinematics) -> np.ndarray | None:
-        """Rate of B along v, (..., nv, p); None for a user's function, because its rate is unknown."""
+        """Rate of B along v, (..., nv, p); None for a user's function, because its rate is unknown.
+
+        Args:
+            at: kinematics at states, configurations (..., nq) and velocities (..., nv).
+        """
         if self._function is not None:
             return None
         rate = np.zeros((*at.q.shape[:-1], *self._constant.shape))
@@ -270,7 +278,11 @@ class PassiveForce(ABC):
 
     @abstractmethod
     def force(self, at: VelocityKinematics) -> np.ndarray:
-        """Generalized force (..., nv)."""
+        """Generalized force (..., nv).
+
+        Args:
+            at: kinematics at states, configurations (..., nq) and velocities (..., nv).
+        """
 
     @abstractmethod
     def gradient(self, at: VelocityKinematics, along: VelocityKinematics) -> ForceGradient:
@@ -282,7 +294,11 @@ class PassiveForce(ABC):
         """
 
     def potential(self, at: PositionKinematics) -> np.ndarray:
-        """Potential energy (...) [J]; zero if not ``conservative``."""
+        """Potential energy (...) [J]; zero if not ``conservative``.
+
+        Args:
+            at: kinematics at configurations (..., nq).
+        """
         return np.zeros(at.q.shape[:-1])
 
     def kernel_forces(self) -> list[tuple[KernelRow, KernelForce]] | None:
@@ -327,7 +343,11 @@ class PassiveForces:
         return iter(self._forces)
 
     def sums(self, at: VelocityKinematics) -> ForceSums:
-        """Sums of the forces at states."""
+        """Sums of the forces at states.
+
+        Args:
+            at: kinematics at states, configurations (..., nq) and velocities (..., nv).
+        """
         total, without_potential = np.zeros((2, *at.q.shape[:-1], self._nv))
         for each in self._forces:
             force = each.force(at)
@@ -343,7 +363,11 @@ class PassiveForces:
         return [pair for pairs in known for pair in pairs] if len(known) == len(found) else None
 
     def potential(self, at: PositionKinematics) -> np.ndarray:
-        """Potential energy of all conservative forces (...) [J]."""
+        """Potential energy of all conservative forces (...) [J].
+
+        Args:
+            at: kinematics at configurations (..., nq).
+        """
         return np.sum([each.potential(at) for each in self._forces], axis=0)
 
     def gradient(self, at: VelocityKinematics, along: VelocityKinematics) -> ForceGradient:
@@ -357,6 +381,11 @@ class PassiveForces:
 
 def admit_coefficients(values: float | Sequence[float], size: int, what: str) -> np.ndarray:
     """Convert one number, or one for each row of an output, to an array (size,).
+
+    Args:
+        values: the numbers.
+        size: number of rows of the output.
+        what: the coefficient in messages.
 
     Raises:
         InputError: the numbers are not finite, or not as many as the rows.

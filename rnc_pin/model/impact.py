@@ -213,7 +213,7 @@ def _conserved(rows: RowStack) -> Array:
 
 
 def _check_momenta(rows: RowStack, sizes: Array, mu: Array, slip: Array, conserved: Array) -> None:
-    contradiction = 1e-6  # relative: measured velocities satisfy a momentum no better
+    contradiction = 1e-6  # relative: less is the integration error of the motion before
     limits = contradiction * (sizes + np.abs(mu))
     for row in np.flatnonzero(conserved & (np.abs(slip) > limits)):
         raise ConstraintError(

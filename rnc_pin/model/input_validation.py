@@ -37,7 +37,11 @@ class ConfigurationValidator:
         self._on_spheres = robot.nq != robot.nv  # only pairs (cos, sin) and quaternions have more entries
 
     def validate(self, q: ArrayInput) -> np.ndarray:
-        """Validated copy of q (..., nq), so that later changes of the caller's array have no effect."""
+        """Validated copy of q (..., nq), so that later changes of the caller's array have no effect.
+
+        Args:
+            q: configurations (..., nq).
+        """
         if type(q) is not np.ndarray or q.dtype is not _FLOAT:
             q = admit_numbers(q, "q")
         q = np.array(q, float)  # by position: a keyword costs as much as the call
@@ -61,7 +65,14 @@ _NOT_OF_UNIT_LENGTH = InputError("q holds a (cos, sin) pair or a quaternion that
 
 
 def vector(array: ArrayInput, size: int, name: str, entries: Sequence[str] = ()) -> np.ndarray:
-    """Convert an input to a float array (..., size) of finite numbers; an error about its size names the entries."""
+    """Convert an input to a float array (..., size) of finite numbers; an error about its size names the entries.
+
+    Args:
+        array: the input.
+        size: length of the last axis.
+        name: the input in messages.
+        entries: names of its entries.
+    """
     if type(array) is not np.ndarray or array.dtype is not _FLOAT:
         array = admit_numbers(array, name)
     if array.shape == (size,):
@@ -76,7 +87,13 @@ def vector(array: ArrayInput, size: int, name: str, entries: Sequence[str] = ())
 
 
 def own_vector(array: ArrayInput, size: int, name: str) -> np.ndarray:
-    """Convert an input of one state to a new float array (size,) of finite numbers; the caller may change its own."""
+    """Convert an input of one state to a new float array (size,) of finite numbers; the caller may change its own.
+
+    Args:
+        array: the input.
+        size: its length.
+        name: the input in messages.
+    """
     found = vector(array, size, name)
     if found.ndim > 1:
         raise InputError(f"{name} has shape {found.shape}, expected ({size},)")
@@ -85,6 +102,10 @@ def own_vector(array: ArrayInput, size: int, name: str) -> np.ndarray:
 
 def admit_times(t: ArrayInput, batch: tuple[int, ...]) -> Component:
     """Convert a time, or times of states (...), to a finite number or an array of them.
+
+    Args:
+        t: the input [s].
+        batch: leading axes of the states.
 
     Raises:
         InputError: t is not finite, or has another shape than the states.
@@ -100,6 +121,10 @@ def admit_times(t: ArrayInput, batch: tuple[int, ...]) -> Component:
 def numbers_of(array: ArrayInput, name: str) -> np.ndarray:
     """Convert an input to a new float array of any shape.
 
+    Args:
+        array: the input.
+        name: the input in messages.
+
     Raises:
         InputError: the input does not consist of numbers.
     """
@@ -108,6 +133,10 @@ def numbers_of(array: ArrayInput, name: str) -> np.ndarray:
 
 def admit_numbers(array: ArrayInput, name: str) -> np.ndarray:
     """Convert an input to a float array of any shape, which may be the input.
+
+    Args:
+        array: the input.
+        name: the input in messages.
 
     Raises:
         InputError: the input does not consist of real numbers; text, truth values, objects and masked arrays do not.
@@ -123,7 +152,12 @@ def admit_numbers(array: ArrayInput, name: str) -> np.ndarray:
 
 
 def check_finite(name: str, array: np.ndarray) -> None:
-    """Raise ``InputError`` if an array contains NaN or infinite values."""
+    """Raise ``InputError`` if an array contains NaN or infinite values.
+
+    Args:
+        name: the array in messages.
+        array: (..., size).
+    """
     finite = np.isfinite(array).all(axis=-1)
     if not finite.all():
         first = np.unravel_index(int(np.argmin(finite)), finite.shape) if finite.ndim else ()
@@ -133,7 +167,13 @@ def check_finite(name: str, array: np.ndarray) -> None:
 
 
 def broadcast_states(q: np.ndarray, beside: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Broadcast configurations and velocities to the same leading axes."""
+    """Broadcast configurations and velocities to the same leading axes.
+
+    Args:
+        q: configurations (..., nq).
+        beside: velocities (..., size).
+        name: the velocities in messages.
+    """
     if q.shape[:-1] == beside.shape[:-1]:
         return q, beside
     try:
@@ -162,7 +202,11 @@ _BOUNDS = {"gt": ("above", operator.gt), "ge": ("at least", operator.ge), "lt": 
 
 
 def is_number(value: object) -> TypeGuard[float]:
-    """True for a finite number. Text is none, even if it is the text of a number, and True is none."""
+    """True for a finite number. Text is none, even if it is the text of a number, and True is none.
+
+    Args:
+        value: any object.
+    """
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value.item()
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
@@ -171,7 +215,12 @@ def is_number(value: object) -> TypeGuard[float]:
 
 
 def is_count(value: object, least: int = 0) -> TypeGuard[int]:
-    """True for an integer of at least ``least``."""
+    """True for an integer of at least ``least``.
+
+    Args:
+        value: any object.
+        least: smallest valid integer.
+    """
     return isinstance(value, int | np.integer) and not isinstance(value, bool) and bool(value >= least)
 
 
@@ -179,6 +228,9 @@ def check_settings(settings: object) -> None:
     """Raise an error unless the attributes of an object are finite and within the bounds of their annotated types.
 
     None is valid. Attributes whose type is an integer with bounds have to be integers.
+
+    Args:
+        settings: object with annotated attributes.
 
     Raises:
         ConfigurationError: one is not.

@@ -67,12 +67,25 @@ class ExponentialCoordinates:
                 self._others = True
 
     def derivative(self, rate: Rate, q: Array, u: Array, y: Array) -> tuple[Array, Array]:
-        """Return ``(udot, ydot)`` at ``q (+) u`` of a motion ``rate(q, y) -> (v, ydot)``."""
+        """Return ``(udot, ydot)`` at ``q (+) u`` of a motion ``rate(q, y) -> (v, ydot)``.
+
+        Args:
+            rate: the motion.
+            q: configuration (nq,) at the origin of the coordinates.
+            u: coordinates (nv,) [rad or m].
+            y: all other states, in a linear space.
+        """
         v, y_dot = rate(pin.integrate(self._model, q, u), y)
         return self.rate(q, u, v), y_dot
 
     def rate(self, q: Array, u: Array, v: Array) -> Array:
-        """``udot`` (nv,) at ``q (+) u``."""
+        """``udot`` (nv,) at ``q (+) u``.
+
+        Args:
+            q: configuration (nq,) at the origin of the coordinates.
+            u: coordinates (nv,) [rad or m].
+            v: velocity (nv,) there, in the joints' local frames.
+        """
         if self._others:  # a joint type that robot files do not have: use Pinocchio's own derivative
             return np.linalg.solve(pin.dIntegrate(self._model, q, u, pin.ArgumentPosition.ARG1), v)
         if not self._curved:
@@ -336,6 +349,10 @@ def phi_functions(x: np.ndarray, last: int) -> list[np.ndarray]:
 
     Near zero the upward recurrence loses digits by cancellation. There a series gives the last function, and the
     downward recurrence gives the others.
+
+    Args:
+        x: numbers that are not positive, of any shape.
+        last: index of the last function.
     """
     if not x.any():
         return [np.full_like(x, 1.0 / factorial(k)) for k in range(last + 1)]
@@ -409,6 +426,11 @@ class AdaptiveIntegrator:
 
         Between the ends of steps, the method's seventh-order interpolation applies. A block has the samples of one
         step before its end, in the chart of this step, or the sample at its end.
+
+        Args:
+            times: increasing times (N,) [s].
+            q0: configuration (nq,) at the first one.
+            y0: all other states there.
 
         Raises:
             DivergenceError: steps become too short, for example near a singularity.

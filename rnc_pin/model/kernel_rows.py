@@ -121,7 +121,13 @@ class KernelRow(NamedTuple):
 
 
 def attached(model: pin.Model, frame: int, offset: pin.SE3 | None = None) -> AttachedFrame:
-    """Frame of a model, or a frame with a constant placement on it."""
+    """Frame of a model, or a frame with a constant placement on it.
+
+    Args:
+        model: Pinocchio's model of the robot.
+        frame: index of the frame in the model.
+        offset: placement on the frame; None for the frame itself.
+    """
     found = model.frames[frame]
     placement = found.placement if offset is None else found.placement * offset
     return AttachedFrame(found.parentJoint, pin.SE3(placement))
@@ -149,10 +155,20 @@ def wrench_rows(
 
 
 def component_rows(form: Form, frame: AttachedFrame, components: Sequence[int]) -> list[KernelRow]:
-    """Components of a frame's velocity (linear x, y, z, then angular), in world axes or in its own axes."""
+    """Components of a frame's velocity (linear x, y, z, then angular), in world axes or in its own axes.
+
+    Args:
+        form: ``Form.WORLD`` or ``Form.OWN``.
+        frame: the frame.
+        components: indices of the components.
+    """
     return wrench_rows(form, frame, np.eye(6)[list(components)].tolist())
 
 
 def placement_numbers(placement: pin.SE3) -> list[float]:
-    """Rotation by rows, then translation, (12,)."""
+    """Rotation by rows, then translation, (12,).
+
+    Args:
+        placement: the placement.
+    """
     return [*placement.rotation.ravel().tolist(), *placement.translation.tolist()]

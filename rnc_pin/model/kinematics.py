@@ -95,7 +95,11 @@ class Kinematics:
         return not joints_with_moving_axes(self.model)
 
     def check_rates(self, frame: int | None = None) -> None:
-        """Raise ``ModelError`` if Pinocchio's rates of the robot, or of one frame, are wrong: axes move in bodies."""
+        """Raise ``ModelError`` if Pinocchio's rates of the robot, or of one frame, are wrong: axes move in bodies.
+
+        Args:
+            frame: index of the frame; None for the whole robot.
+        """
         model, frames = self.model, self.frame_constants
         for name in () if self.axes_are_constant else joints_with_moving_axes(model):
             if frame is None or model.getJointId(name) in list(model.supports[frames(frame)[0]]):
@@ -110,7 +114,11 @@ class Kinematics:
         return self._time
 
     def frame_constants(self, frame: int) -> tuple[int, np.ndarray, np.ndarray]:
-        """Joint that carries a frame; its placement there (12,), by columns; mask (nv,) of the joints that move it."""
+        """Joint that carries a frame; its placement there (12,), by columns; mask (nv,) of the joints that move it.
+
+        Args:
+            frame: index of the frame in the model.
+        """
         if frame not in self._frames:
             of = self.model.frames[frame]
             support = np.zeros(self.nv)
@@ -121,21 +129,40 @@ class Kinematics:
         return self._frames[frame]
 
     def position(self, q: np.ndarray, t: Component | None = None) -> PositionKinematics:
-        """Kinematics at configurations (..., nq) and times t (...), which only rheonomic rows read [s]."""
+        """Kinematics at configurations (..., nq) and times t (...), which only rheonomic rows read [s].
+
+        Args:
+            q: configurations (..., nq).
+            t: times (...), which only rheonomic rows read [s].
+        """
         return PositionKinematics(self, q, self.time_of(t))
 
     def time_of(self, t: Component | None) -> Component:
-        """Time of configurations at t, if it is known: the time of a frozen model, or zero by default [s]."""
+        """Time of configurations at t, if it is known: the time of a frozen model, or zero by default [s].
+
+        Args:
+            t: times (...) of configurations [s]; None if none is given.
+        """
         t = t if self._time is None else self._time
         return 0.0 if t is None else t
 
     def potential_energy(self, q: np.ndarray) -> np.ndarray | float:
-        """Potential energy (...) at configurations (..., nq) [J]."""
+        """Potential energy (...) at configurations (..., nq) [J].
+
+        Args:
+            q: configurations (..., nq).
+        """
         energy = self.over_states(pin.computePotentialEnergy, (), q)
         return energy if q.ndim > 1 else float(energy)
 
     def over_states(self, function: Callable[..., object], shape: tuple[int, ...], *states: np.ndarray) -> np.ndarray:
-        """Results (..., *shape) of a function of Pinocchio's model and data and of single states."""
+        """Results (..., *shape) of a function of Pinocchio's model and data and of single states.
+
+        Args:
+            function: function of Pinocchio's model and data, and of single states.
+            shape: shape of the result at one state.
+            states: arrays (..., size) of the arguments.
+        """
         with self.lock:
             self.current = None
             return over_states(partial(function, self.model, self.data), shape, *states)
@@ -223,23 +250,45 @@ class PositionKinematics:
         return self._placed.get(_inertia, (self._at.nv, self._at.nv))
 
     def placement(self, frame: int) -> Placement:
-        """Placement of a frame in the world."""
+        """Placement of a frame in the world.
+
+        Args:
+            frame: index of the frame in the model.
+        """
         return _placement(self._placed.get(_frame_placement, (4, 3), frame))
 
     def rotation(self, frame: int) -> np.ndarray:
-        """Rotation of a frame, (..., 3, 3)."""
+        """Rotation of a frame, (..., 3, 3).
+
+        Args:
+            frame: index of the frame in the model.
+        """
         return self.placement(frame).rotation
 
     def joint_placement(self, joint: int) -> Placement:
-        """Placement of the frame that moves with a joint."""
+        """Placement of the frame that moves with a joint.
+
+        Args:
+            joint: index of the joint.
+        """
         return _placement(self._placed.get(_joint_placement, (4, 3), joint))
 
     def jacobian(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES, rows: Components = ALL) -> np.ndarray:
-        """Frame Jacobian (..., 6, nv) at the frame's origin, or some of its rows; linear rows come first."""
+        """Frame Jacobian (..., 6, nv) at the frame's origin, or some of its rows; linear rows come first.
+
+        Args:
+            frame: index of the frame in the model.
+            axes: axes of the components: those of the world, or the frame's own.
+            rows: components to return; linear x, y, z come first, then angular ones.
+        """
         return self._placed.get(_jacobian, (6, self._at.nv), frame, axes)[..., rows, :]
 
     def joint_jacobian(self, joint: int) -> np.ndarray:
-        """Jacobian (..., 6, nv) of a joint's body: velocity of its point at the origin of the world, in world axes."""
+        """Jacobian (..., 6, nv) of a joint's body: velocity of its point at the origin of the world, in world axes.
+
+        Args:
+            joint: index of the joint.
+        """
         return self._placed.get(_joint_jacobian, (6, self._at.nv), joint)
 
     @property
@@ -248,7 +297,11 @@ class PositionKinematics:
         return self._placed.get(_center_of_mass, (3, 1 + self._at.nv))
 
     def with_velocity(self, v: np.ndarray) -> VelocityKinematics:
-        """The same configurations with velocities (..., nv)."""
+        """The same configurations with velocities (..., nv).
+
+        Args:
+            v: full velocities (..., nv) [rad/s or m/s].
+        """
         return VelocityKinematics(self, v)
 
 
@@ -276,7 +329,11 @@ class VelocityKinematics(PositionKinematics):
         return self._at.over_states(pin.computeCoriolisMatrix, (self._at.nv, self._at.nv), self.q, self.v)
 
     def of_center(self, kind: Literal["acceleration", "gradient", "rate"]) -> np.ndarray:
-        """Acceleration (..., 3, 1) of the centre at zero ``vdot``, its gradient in q, or the rate of its Jacobian."""
+        """Acceleration (..., 3, 1) of the centre at zero ``vdot``, its gradient in q, or the rate of its Jacobian.
+
+        Args:
+            kind: quantity to return.
+        """
         if kind == "rate":
             self._at.check_rates()
         read, columns = _OF_CENTER[kind], 1 if kind == "acceleration" else self._at.nv
@@ -305,24 +362,47 @@ class VelocityKinematics(PositionKinematics):
         return _Quantities(self._at, _update_derivatives, self.q, self.v)
 
     def velocity(self, frame: int) -> np.ndarray:
-        """Velocity of a frame's origin and angular velocity, (..., 6), in world axes."""
+        """Velocity of a frame's origin and angular velocity, (..., 6), in world axes.
+
+        Args:
+            frame: index of the frame in the model.
+        """
         return self._moving.get(_velocity, (6,), frame)
 
     def acceleration(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES, rows: Components = ALL) -> np.ndarray:
-        """Rate (..., 6), or some of its rows, of the frame's velocity components along ``axes``, at zero ``vdot``."""
+        """Rate (..., 6), or some of its rows, of the frame's velocity components along ``axes``, at zero ``vdot``.
+
+        Args:
+            frame: index of the frame in the model.
+            axes: axes of the components: those of the world, or the frame's own.
+            rows: components to return; linear x, y, z come first, then angular ones.
+        """
         return self._moving.get(_acceleration, (6,), frame, axes)[..., rows]
 
     def jacobian_dot(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES) -> np.ndarray:
-        """Time derivative of ``jacobian``, (..., 6, nv); ``ModelError`` where axes move in the bodies below."""
+        """Time derivative of ``jacobian``, (..., 6, nv); ``ModelError`` where axes move in the bodies below.
+
+        Args:
+            frame: index of the frame in the model.
+            axes: axes of the components: those of the world, or the frame's own.
+        """
         self._at.check_rates(frame)
         return self._rates.get(_jacobian_dot, (6, self._at.nv), frame, axes)
 
     def own_acceleration_gradient(self, frame: int) -> np.ndarray:
-        """Derivative of the frame's acceleration in its own axes with respect to q at fixed v, (..., 6, nv)."""
+        """Derivative of the frame's acceleration in its own axes with respect to q at fixed v, (..., 6, nv).
+
+        Args:
+            frame: index of the frame in the model.
+        """
         return self._derivatives.get(_acceleration_gradient, (6, self._at.nv), frame)
 
     def frame_gradients(self, frame: int) -> FrameDerivatives:
-        """Derivatives of ``velocity`` and ``acceleration`` in world axes with respect to q at fixed v."""
+        """Derivatives of ``velocity`` and ``acceleration`` in world axes with respect to q at fixed v.
+
+        Args:
+            frame: index of the frame in the model.
+        """
         found = self._derivatives.get(_frame_gradients, (4, 3, self._at.nv), frame)
         return FrameDerivatives(*np.moveaxis(found, -3, 0))
 
@@ -448,7 +528,13 @@ def _by_columns(at: Kinematics, matrix: np.ndarray) -> np.ndarray:
 
 
 def over_states(function: Callable[..., object], shape: tuple[int, ...], *arrays: np.ndarray) -> np.ndarray:
-    """Apply a function of single states over the leading axes of arrays (..., size); return (..., *shape)."""
+    """Apply a function of single states over the leading axes of arrays (..., size); return (..., *shape).
+
+    Args:
+        function: function of single states.
+        shape: shape of its result.
+        arrays: arrays (..., size) of the arguments.
+    """
     batch = arrays[0].shape[:-1]
     if not batch:
         return np.array(function(*arrays), dtype=float)  # the function may use its memory again

@@ -166,6 +166,9 @@ class ReducedModel(SummaryMixin):
 
         It serves analyses of rheonomic systems at an instant. It does not follow the constraints over time.
         A model whose constraints do not depend on time is returned itself.
+
+        Args:
+            t: the time [s].
         """
         if not self.rheonomic:
             return self
@@ -173,9 +176,12 @@ class ReducedModel(SummaryMixin):
         return ReducedModel(evaluator, self.assembly.frozen(float(t)), self.dropped_rows)
 
     def with_basis_at(self, q: ArrayInput) -> ReducedModel:
-        """The same model with the constraint rows that are selected at q (nq,) as default rows.
+        """The same model with the constraint rows that are selected at q as default rows.
 
         If the system was reduced without named outputs, the reduced velocities are selected at q too.
+
+        Args:
+            q: one configuration (nq,).
         """
         state = self.at(q)
         _ = state.R
@@ -189,16 +195,27 @@ class ReducedModel(SummaryMixin):
     def forward_dynamics(
         self, q: ArrayInput, v2: ArrayInput, T: ArrayInput, *, t: ArrayInput | None = None
     ) -> Float[Array, "*batch r"]:
-        """Reduced accelerations ``v2_dot`` (..., r) under actuator inputs T (..., p) [N or N m].
+        """Reduced accelerations ``v2_dot`` (..., r) under actuator inputs.
 
-        Constraints over time need the times t (...) [s].
+        Args:
+            q: configurations (..., nq).
+            v2: reduced velocities (..., r) [rad/s or m/s].
+            T: actuator inputs (..., p) [N or N m].
+            t: times (...) of rheonomic constraints [s]; others ignore them.
         """
         return self._evaluator.forward_dynamics(q, v2, T, t)
 
     def inverse_dynamics(
         self, q: ArrayInput, v2: ArrayInput, v2_dot: ArrayInput, *, t: ArrayInput | None = None
     ) -> Float[Array, "*batch r"]:
-        """Reduced forces ``F = H v2_dot + V v2 + G``; rheonomic constraints need the times t (...) [s]."""
+        """Reduced forces ``F = H v2_dot + V v2 + G``.
+
+        Args:
+            q: configurations (..., nq).
+            v2: reduced velocities (..., r) [rad/s or m/s].
+            v2_dot: reduced accelerations (..., r) [rad/s^2 or m/s^2].
+            t: times (...) of rheonomic constraints [s]; others ignore them.
+        """
         return self._evaluator.inverse_dynamics(q, v2, v2_dot, t)
 
     def regressor(
@@ -220,27 +237,52 @@ class ReducedModel(SummaryMixin):
     def allocate(self, q: ArrayInput, F: ArrayInput) -> Float[Array, "*batch p"]:
         """Actuator inputs T with ``R^T B T = F``; those of least norm if they are not unique.
 
+        Args:
+            q: configurations (..., nq).
+            F: reduced forces (..., r) [N or N m].
+
         Raises:
             ConstraintError: the actuators cannot produce every F (rank of ``R^T B`` below r).
         """
         return self.at(q).allocate(F)
 
     def multipliers(self, q: ArrayInput, v2: ArrayInput, T: ArrayInput) -> Float[Array, "*batch m"]:
-        """Constraint multipliers lambda of ``B T = H* vdot + C* v + g* + A^T lambda``; see ``StateEvaluation``."""
+        """Constraint multipliers lambda of ``B T = H* vdot + C* v + g* + A^T lambda``; see ``StateEvaluation``.
+
+        Args:
+            q: configurations (..., nq).
+            v2: reduced velocities (..., r) [rad/s or m/s].
+            T: actuator inputs (..., p) [N or N m].
+        """
         return self.at(q, v2).multipliers(T)
 
     def energy(self, q: ArrayInput, v2: ArrayInput) -> Float[Array, "*batch"] | float:
-        """Kinetic plus potential energy [J]."""
+        """Kinetic plus potential energy [J].
+
+        Args:
+            q: configurations (..., nq).
+            v2: reduced velocities (..., r) [rad/s or m/s].
+        """
         return self.at(q, v2).energy
 
     # ------------------------------------------------------------------ matrices
 
     def terms(self, q: ArrayInput, v2: ArrayInput) -> ReducedTerms:
-        """All matrices of the reduced system at (q, v2)."""
+        """All matrices of the reduced system at (q, v2).
+
+        Args:
+            q: configurations (..., nq).
+            v2: reduced velocities (..., r) [rad/s or m/s].
+        """
         return self._evaluator.terms(q, v2)
 
     def lagrangian_terms(self, q: ArrayInput, v2: ArrayInput) -> LagrangianTerms:
-        """Matrices H*, C*, g* and B of the unreduced system (1), with C* at ``v = R v2 + b``."""
+        """Matrices H*, C*, g* and B of the unreduced system (1), with C* at ``v = R v2 + b``.
+
+        Args:
+            q: configurations (..., nq).
+            v2: reduced velocities (..., r) [rad/s or m/s].
+        """
         state = self.at(q, v2)
         return LagrangianTerms(H=state.M, C=state.C, g=state.g, B=state.B)
 
@@ -259,7 +301,12 @@ class ReducedModel(SummaryMixin):
         return self.assembly.project(self._evaluator.validator.validate(q), hold)
 
     def random_configuration(self, generator: np.random.Generator, spread: float = np.pi) -> Float[Array, " nq"]:
-        """Random configuration from ``generator`` within ``spread`` of neutral, projected onto the holonomic rows."""
+        """Random configuration from ``generator`` within ``spread`` of neutral, projected onto the holonomic rows.
+
+        Args:
+            generator: source of the random numbers.
+            spread: largest distance from the neutral configuration before the projection [rad or m].
+        """
         return self.assembly.random_configuration(generator, spread)
 
     # ------------------------------------------------------------------ print
@@ -274,7 +321,13 @@ class ReducedModel(SummaryMixin):
 
 
 def system_headline(kind: str, robot: Robot, constraints: RowStack) -> str:
-    """Headline with the degrees of freedom before and after the constraints."""
+    """Headline with the degrees of freedom before and after the constraints.
+
+    Args:
+        kind: name of the class.
+        robot: the robot.
+        constraints: independent rows.
+    """
     rows = counted(constraints.size, "independent row")
     return f"{kind} of '{robot.name}': {robot.nv} degrees of freedom less {rows} leave {robot.nv - constraints.size}"
 
@@ -282,7 +335,14 @@ def system_headline(kind: str, robot: Robot, constraints: RowStack) -> str:
 def system_lines(
     constraints: RowStack, dropped: Sequence[DroppedRow], actuation: Actuation, forces: PassiveForces
 ) -> list[Line]:
-    """Lines with the kept rows, the dropped rows, the actuators and the passive forces."""
+    """Lines with the kept rows, the dropped rows, the actuators and the passive forces.
+
+    Args:
+        constraints: independent rows.
+        dropped: the other rows.
+        actuation: actuators.
+        forces: passive forces.
+    """
     kept = items(constraints.names, ["holonomic" if flag else "" for flag in constraints.holonomic])
     lines: list[Line] = [("rows kept", kept)]
     if dropped:
@@ -292,5 +352,9 @@ def system_lines(
 
 
 def output_items(outputs: OutputStack) -> Sequence[Item]:
-    """Names of outputs; quasi-velocities are marked."""
+    """Names of outputs; quasi-velocities are marked.
+
+    Args:
+        outputs: the outputs.
+    """
     return items(outputs.names, ["quasi-velocity" if flag else "" for flag in outputs.quasi])

@@ -153,29 +153,54 @@ class ReductionData:
         return replace(self, reducing=reducing, scales=scales, free=free, vertical=vertical)
 
     def in_entries(self, entries: Sequence[int], free: bool = False) -> ReductionData:
-        """Reduction of the same system to r entries of v."""
+        """Reduction of the same system to r entries of v.
+
+        Args:
+            entries: indices of the entries (r,).
+            free: True if other entries may be selected where these are dependent.
+        """
         names = [self.robot.velocity_names[k] for k in entries]
         return self.in_velocities(np.eye(self.n)[list(entries)], names, free)
 
     def keeping(self, kept: Sequence[int]) -> ReductionData:
-        """The same reduction with other constraint rows in A, (m,)."""
+        """The same reduction with other constraint rows in A, (m,).
+
+        Args:
+            kept: indices of the rows among all constraint rows (m,).
+        """
         return replace(self, kept=tuple(kept))
 
     def measuring(self, vertical: OutputStack) -> ReductionData:
-        """The same reduction with other vertical outputs."""
+        """The same reduction with other vertical outputs.
+
+        Args:
+            vertical: the outputs.
+        """
         return replace(self, vertical=vertical)
 
     def frozen(self, t: float) -> ReductionData:
-        """The same reduction at time t [s]."""
+        """The same reduction at time t [s].
+
+        Args:
+            t: the time [s].
+        """
         return replace(self, kinematics=Kinematics(self.robot, t))
 
     def has_rows_of(self, other: ReductionData) -> bool:
-        """True if E is that of another reduction of the same system, and regular at the same configurations."""
+        """True if E is that of another reduction of the same system, and regular at the same configurations.
+
+        Args:
+            other: the other reduction.
+        """
         same = self.constraints is other.constraints and self.reducing is other.reducing
         return same and self.kinematics is other.kinematics and self.fast_limit == other.fast_limit
 
     def varies_as(self, other: ReductionData) -> bool:
-        """True if the rows that are not constant are known from another reduction of the same system."""
+        """True if the rows that are not constant are known from another reduction of the same system.
+
+        Args:
+            other: the other reduction.
+        """
         known = {id(place.block) for stack in (other.reducing, other.vertical) for place in stack.places}
         own = (place.block for stack in (self.reducing, self.vertical) for place in stack.places)
         same = self.constraints is other.constraints and self.kinematics is other.kinematics
@@ -202,6 +227,10 @@ def best_entries(rows: np.ndarray, r: int) -> list[int]:
 
     Column-pivoted QR selects these rows of an orthonormal basis of the null space, so the other entries are moderate
     combinations of them. If entries are equally good, e.g. of coupled joints, the first is selected.
+
+    Args:
+        rows: constraint rows.
+        r: number of entries, nv - m.
     """
     basis = null_space(rows)
     tie = 1e-6  # relative preference over the next entry: otherwise rounding decides ties, differently at each state
@@ -213,6 +242,12 @@ def row_scales(robot: Robot, rows: RowStack, reducing: OutputStack, configuratio
     """Typical length of each row: the median over configurations (count, nq), or the largest if the median is zero.
 
     It is zero for a row that is zero to rounding, e.g. the out-of-plane row of a planar loop.
+
+    Args:
+        robot: the robot.
+        rows: all constraint rows.
+        reducing: reducing outputs.
+        configurations: configurations (count, nq).
     """
     stack = RowStack.joined(rows, reducing)
     kinematics = Kinematics(robot)

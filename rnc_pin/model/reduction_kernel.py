@@ -111,7 +111,12 @@ class RowTable:
 
 
 def blocks_valued_by_python(stack: OutputStack, model: pin.Model) -> list[tuple[OutputRows, slice]]:
-    """Blocks whose values Python evaluates."""
+    """Blocks whose values Python evaluates.
+
+    Args:
+        stack: outputs.
+        model: Pinocchio's model of the robot.
+    """
     found = []
     for block, where, _ in stack.places:
         rows = block.kernel_rows(model)
@@ -311,7 +316,12 @@ class ReductionKernel:
         self.measured_sizes = *(each.itemsize // 8 for each in (self.kinematics, self.inverse, self.rates)), r + k
 
     def run_records(self, batch: tuple[int, ...], kinematics: Array | None = None) -> RunRecords:
-        """Records of measurements without values; kinematics: those of the states, if known."""
+        """Records of measurements without values; kinematics: those of the states, if known.
+
+        Args:
+            batch: leading axes.
+            kinematics: records of kinematics, if known.
+        """
         first, inverse, rates, values = self.measured_sizes
         return RunRecords(
             np.empty((*batch, first)) if kinematics is None else kinematics,
@@ -326,7 +336,11 @@ class ReductionKernel:
         self.calls.set_numbers(self._table.numbers)
 
     def rates_over_time(self, times: Sequence[float]) -> Array:
-        """Right-hand sides mu at times (s,), then their rates over time, (s, 2 m); zero for moving ground."""
+        """Right-hand sides mu at times (s,), then their rates over time, (s, 2 m); zero for moving ground.
+
+        Args:
+            times: times (s,) [s].
+        """
         found = np.zeros((len(times), 2, self.data.m))
         found[:, 0] = self._table.rates
         for t, rates in zip(times, found, strict=True):
@@ -336,7 +350,12 @@ class ReductionKernel:
         return found.reshape(len(times), -1)
 
     def rates_at(self, t: Component | None, batch: tuple[int, ...] = ()) -> Array | None:
-        """Argument (..., 2 m) of a call: ``rates_over_time`` of states (...) at times t; None without such rows."""
+        """Argument (..., 2 m) of a call: ``rates_over_time`` of states (...) at times t; None without such rows.
+
+        Args:
+            t: times (...) [s].
+            batch: leading axes of the states.
+        """
         if t is None or not self._table.driven:
             return None
         rates = self.rates_over_time(np.ravel(t).tolist()).reshape(*np.shape(t), -1)

@@ -277,7 +277,12 @@ def mimic_rows(robot: Robot, blocks: Sequence[Rows]) -> list[CouplingRow]:
 
 
 def mimic_row(robot: Robot, mimic: Mimic) -> CouplingRow | None:
-    """Row of one mimic joint; None if it constrains nothing, e.g. for a joint that the file fixes."""
+    """Row of one mimic joint; None if it constrains nothing, e.g. for a joint that the file fixes.
+
+    Args:
+        robot: the robot.
+        mimic: joint, leading joint, multiplier and offset.
+    """
     joint, of, multiplier, offset = mimic
     moving = {name for name in robot.joint_names if robot.model.joints[robot.joint_id(name)].nv == 1}
     name = f"coupling({joint}, {of})"
@@ -291,13 +296,23 @@ def mimic_row(robot: Robot, mimic: Mimic) -> CouplingRow | None:
 
 
 def loose_mimics(robot: Robot, samples: Array) -> list[Mimic]:
-    """Mimic joints of the robot's file that rows (samples, m, nv) do not couple."""
+    """Mimic joints of the robot's file that rows (samples, m, nv) do not couple.
+
+    Args:
+        robot: the robot.
+        samples: constraint rows (samples, m, nv).
+    """
     rows = ((mimic, mimic_row(robot, mimic)) for mimic in robot.mimics)
     return [mimic for mimic, row in rows if row is not None and is_loose(row.matrix[0], samples)]
 
 
 def is_loose(row: Array, samples: Array) -> bool:
-    """Return True if a row (nv,) is independent of the rows (samples, m, nv) at some configuration."""
+    """Return True if a row (nv,) is independent of the rows (samples, m, nv) at some configuration.
+
+    Args:
+        row: the row (nv,).
+        samples: constraint rows (samples, m, nv).
+    """
     for matrix in samples:
         rest = row - np.linalg.lstsq(matrix.T, row, rcond=None)[0] @ matrix
         if np.linalg.norm(rest) > 1e-6 * np.linalg.norm(row):

@@ -90,11 +90,20 @@ class GroundSurface(Protocol):
     """Surface on which bodies roll, as drawings read it."""
 
     def mesh(self, center: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
-        """Part of the surface near a point (3,) [m], of half width ``size``: vertices (n, 3) and triangles (m, 3)."""
+        """Part of the surface near a point (3,) [m], of half width ``size``: vertices (n, 3) and triangles (m, 3).
+
+        Args:
+            center: the point, in the world.
+            size: half width of the part [m].
+        """
 
 
 def carrier_of(ground: GroundSurface | None) -> str | None:
-    """Name of the frame that carries a ground and stands for the world; None for ground in the world."""
+    """Name of the frame that carries a ground and stands for the world; None for ground in the world.
+
+    Args:
+        ground: the surface; None for the plane z = 0.
+    """
     return None if ground is None else getattr(ground, "frame", None)
 
 
@@ -154,32 +163,59 @@ class Rows(ABC):
 
     @abstractmethod
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
-        """Jacobian J(q), (..., k, nv)."""
+        """Jacobian J(q), (..., k, nv).
+
+        Args:
+            at: kinematics at configurations (..., nq).
+        """
 
     @abstractmethod
     def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
-        """Rate of the Jacobian along v, (..., k, nv)."""
+        """Rate of the Jacobian along v, (..., k, nv).
+
+        Args:
+            at: kinematics at states, configurations (..., nq) and velocities (..., nv).
+        """
 
     @abstractmethod
     def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
-        """Bias acceleration ``Jdot v - mudot``, (..., k), for a velocity that satisfies the constraints."""
+        """Bias acceleration ``Jdot v - mudot``, (..., k), for a velocity that satisfies the constraints.
+
+        Args:
+            at: kinematics at states, configurations (..., nq) and velocities (..., nv).
+        """
 
     def rate(self, at: PositionKinematics) -> np.ndarray:
-        """Right-hand side mu(q) of ``J v = mu``, (..., k)."""
+        """Right-hand side mu(q) of ``J v = mu``, (..., k).
+
+        Args:
+            at: kinematics at configurations (..., nq).
+        """
         return self._zeros(at)
 
     def rate_dot(self, at: VelocityKinematics) -> np.ndarray:
-        """Rate of mu along v, (..., k)."""
+        """Rate of mu along v, (..., k).
+
+        Args:
+            at: kinematics at states, configurations (..., nq) and velocities (..., nv).
+        """
         return self._zeros(at)
 
     def rates_over_time(self, t: float) -> tuple[np.ndarray, np.ndarray]:
-        """Right-hand side mu(t) and its rate, (k,) each, of rheonomic rows with ``kernel_rows``."""
+        """Right-hand side mu(t) and its rate, (k,) each, of rheonomic rows with ``kernel_rows``.
+
+        Args:
+            t: time [s].
+        """
         raise NotImplementedError
 
     def residual(self, at: PositionKinematics) -> np.ndarray:
         """Position residual of the holonomic rows, (..., k) [m or rad]; zero for the other rows.
 
         Where the residual is zero, its rate is ``J v``.
+
+        Args:
+            at: kinematics at configurations (..., nq).
         """
         return self._zeros(at)
 
@@ -187,15 +223,25 @@ class Rows(ABC):
         """Derivative of ``Jdot v - mudot`` with respect to q at fixed v, (k, nv); None if there is no closed form.
 
         Only derivatives of the dynamics at one state in motion call it. For None, they use finite differences.
+
+        Args:
+            at: kinematics at one state (nq,), (nv,).
         """
         return None
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
-        """Rows as the compiled kernel evaluates them on the robot's ``model``, (k,); None if Python evaluates them."""
+        """Rows as the compiled kernel evaluates them on the robot's ``model``, (k,); None if Python evaluates them.
+
+        Args:
+            model: Pinocchio's model of the robot.
+        """
         return None
 
     def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray] | None:
         """Points and directions of the constraint forces in the world, for visualization.
+
+        Args:
+            at: kinematics at configurations (..., nq).
 
         Returns:
             Points (..., k, 3) [m] and unit vectors (..., k, 3); None for rows that act on no point, such as a momentum.
@@ -251,7 +297,11 @@ class OutputRows(Rows):
     generalized: bool = False
 
     def value(self, at: PositionKinematics) -> np.ndarray:
-        """Values of the coordinates, (..., k) [m or rad]; zeros if ``quasi``."""
+        """Values of the coordinates, (..., k) [m or rad]; zeros if ``quasi``.
+
+        Args:
+            at: kinematics at configurations (..., nq).
+        """
         return self._zeros(at)
 
 
@@ -293,7 +343,13 @@ def check_defined(what: str, q: np.ndarray, sizes: Component, limit: float, name
 
 
 def admit_rows(rows: object, expected: tuple[int, ...], what: str) -> np.ndarray:
-    """Convert the result of a user's function to an array; raise ``InputError`` if it is none, or of wrong shape."""
+    """Convert the result of a user's function to an array; raise ``InputError`` if it is none, or of wrong shape.
+
+    Args:
+        rows: result of the function.
+        expected: its shape.
+        what: the function in messages.
+    """
     try:
         array = np.array(rows, dtype=float)  # the function may use its memory again
     except (TypeError, ValueError):
@@ -304,7 +360,13 @@ def admit_rows(rows: object, expected: tuple[int, ...], what: str) -> np.ndarray
 
 
 def admitting(function: Callable[..., object], expected: tuple[int, ...], what: str) -> Callable[..., np.ndarray]:
-    """Function of a user whose results are admitted by ``admit_rows``."""
+    """Function of a user whose results are admitted by ``admit_rows``.
+
+    Args:
+        function: the function.
+        expected: shape of its result.
+        what: the function in messages.
+    """
     return partial(_admitted_result, function, expected, what)
 
 
@@ -330,11 +392,19 @@ class Place(NamedTuple):
     """Selected rows of the block; None for all."""
 
     def of(self, values: np.ndarray) -> np.ndarray:
-        """Entries of the selected rows, from the entries (..., k) of all rows of the block."""
+        """Entries of the selected rows, from the entries (..., k) of all rows of the block.
+
+        Args:
+            values: entries of all rows.
+        """
         return values if self.rows is None else values[..., self.rows]
 
     def of_matrix(self, values: np.ndarray) -> np.ndarray:
-        """Selected rows, from all rows (..., k, l) of the block."""
+        """Selected rows, from all rows (..., k, l) of the block.
+
+        Args:
+            values: all rows.
+        """
         return values if self.rows is None else values[..., self.rows, :]
 
 
@@ -362,7 +432,7 @@ class RowStack:
     """
 
     def __init__(self, blocks: Sequence[Rows], kept: Sequence[int] | None = None) -> None:
-        self.places: list[Place] = []
+        places: list[Place] = []
         start = first = 0
         for block in blocks:
             size = len(block.names)
@@ -370,9 +440,12 @@ class RowStack:
             if len(chosen):
                 where = slice(start, start + len(chosen))
                 rows = None if len(chosen) == size else _selection(list(chosen))
-                self.places.append(Place(block, where, rows))
+                places.append(Place(block, where, rows))
             start, first = start + len(chosen), first + size
-        self.size = start
+        self._take(places)
+
+    def _take(self, places: list[Place]) -> None:
+        self.places, self.size = places, places[-1].where.stop if places else 0
         self.names = tuple(name for block, _, rows in self.places for name in _of(block.names, rows))
         self.units = tuple(unit for block, _, rows in self.places for unit in _of(block.units, rows))
         self.holonomic = tuple(
@@ -386,7 +459,11 @@ class RowStack:
         self._selected: dict[tuple[int, ...], RowStack] = {}
 
     def selected(self, kept: tuple[int, ...]) -> RowStack:
-        """Stack of some rows of a stack with whole blocks, by increasing indices; the same object each time."""
+        """Stack of some rows of a stack with whole blocks, by increasing indices; the same object each time.
+
+        Args:
+            kept: indices of the rows, increasing.
+        """
         if kept not in self._selected:
             self._selected[kept] = RowStack([place.block for place in self.places], kept)
         return self._selected[kept]
@@ -394,21 +471,20 @@ class RowStack:
     @classmethod
     def joined(cls, *stacks: RowStack) -> RowStack:
         """Concatenate several stacks."""
-        whole = RowStack([])
+        whole, places, size = RowStack([]), list[Place](), 0
         for stack in stacks:
-            for block, where, rows in stack.places:
-                whole.places.append(Place(block, slice(where.start + whole.size, where.stop + whole.size), rows))
-            whole.names, whole.units = whole.names + stack.names, whole.units + stack.units
-            whole.holonomic += stack.holonomic
-            whole.size += stack.size
-            whole.affine |= stack.affine
-            whole.rheonomic |= stack.rheonomic
-            whole.turning |= stack.turning
-        whole._varying = _varying(whole.places)
+            moved = ((block, slice(at.start + size, at.stop + size), rows) for block, at, rows in stack.places)
+            places += [Place(*each) for each in moved]
+            size += stack.size
+        whole._take(places)
         return whole
 
     def template(self, nv: int) -> np.ndarray:
-        """Matrix (size, nv), stored by columns, with the values of the constant rows; do not write to it."""
+        """Matrix (size, nv), stored by columns, with the values of the constant rows; do not write to it.
+
+        Args:
+            nv: number of columns.
+        """
         if self._constant is None:
             self._constant = np.zeros((self.size, nv), order="F")
             for place in self.places:
@@ -417,20 +493,33 @@ class RowStack:
         return self._constant
 
     def write_jacobian(self, at: PositionKinematics, out: np.ndarray) -> None:
-        """Write the rows of J(q) that are not constant into ``out`` (..., size, nv)."""
+        """Write the rows of J(q) that are not constant into ``out`` (..., size, nv).
+
+        Args:
+            at: kinematics at configurations (..., nq).
+            out: rows (..., size, nv), which are written.
+        """
         for block, rows, _, lines in self._varying:
             values = block.jacobian(at)
             out[lines] = values if rows is None else values[..., rows, :]
 
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
-        """Jacobian J(q), (..., size, nv)."""
+        """Jacobian J(q), (..., size, nv).
+
+        Args:
+            at: kinematics at configurations (..., nq).
+        """
         template, batch = self.template(at.M.shape[-1]), at.q.shape[:-1]
         out = np.array(np.broadcast_to(template, (*batch, *template.shape))) if batch else template.copy()
         self.write_jacobian(at, out)
         return out
 
     def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
-        """Bias acceleration ``Jdot v - mudot``, (..., size)."""
+        """Bias acceleration ``Jdot v - mudot``, (..., size).
+
+        Args:
+            at: kinematics at states, configurations (..., nq) and velocities (..., nv).
+        """
         out = np.zeros((*at.q.shape[:-1], self.size))
         for block, rows, entries, _ in self._varying:
             values = block.bias_acceleration(at)
@@ -438,7 +527,11 @@ class RowStack:
         return out
 
     def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
-        """Jacobian rate Jdot(q, v), (..., size, nv)."""
+        """Jacobian rate Jdot(q, v), (..., size, nv).
+
+        Args:
+            at: kinematics at states, configurations (..., nq) and velocities (..., nv).
+        """
         out = np.zeros((*at.q.shape[:-1], self.size, at.M.shape[-1]))
         for block, rows, _, lines in self._varying:
             values = block.jacobian_dot(at)
@@ -446,11 +539,19 @@ class RowStack:
         return out
 
     def rate(self, at: PositionKinematics) -> np.ndarray:
-        """Right-hand side mu(q) of ``J v = mu``, (..., size)."""
+        """Right-hand side mu(q) of ``J v = mu``, (..., size).
+
+        Args:
+            at: kinematics at configurations (..., nq).
+        """
         return self._gather(at, lambda block: block.rate(at))
 
     def rate_dot(self, at: VelocityKinematics) -> np.ndarray:
-        """Rate of mu, (..., size)."""
+        """Rate of mu, (..., size).
+
+        Args:
+            at: kinematics at states, configurations (..., nq) and velocities (..., nv).
+        """
         return self._gather(at, lambda block: block.rate_dot(at))
 
     def _gather(self, at: PositionKinematics, of: Callable[[Rows], np.ndarray]) -> np.ndarray:
@@ -461,7 +562,11 @@ class RowStack:
         return out
 
     def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
-        """Points and unit vectors of the constraint forces, (..., size, 3) each; NaN for rows that act on no point."""
+        """Points and unit vectors of the constraint forces, (..., size, 3) each; NaN for rows that act on no point.
+
+        Args:
+            at: kinematics at configurations (..., nq).
+        """
         points, directions = np.full((2, *at.q.shape[:-1], self.size, 3), np.nan)
         for place in self.places:
             lines = place.block.lines_of_action(at)
@@ -492,14 +597,23 @@ class OutputStack(RowStack):
         self.coordinates = Coordinates(self.angular, rotations, self.names)
 
     def value(self, at: PositionKinematics) -> np.ndarray:
-        """Values of the outputs, (..., size)."""
+        """Values of the outputs, (..., size).
+
+        Args:
+            at: kinematics at configurations (..., nq).
+        """
         out = np.empty((*at.q.shape[:-1], self.size))
         for block, where in self._values:
             out[..., where] = block.value(at)
         return out
 
     def check(self, value: np.ndarray, *matrices: np.ndarray) -> None:
-        """Raise ``DivergenceError`` if values (..., size) or rows (..., size, n) of a user's output are not finite."""
+        """Raise ``DivergenceError`` if values (..., size) or rows (..., size, n) of a user's output are not finite.
+
+        Args:
+            value: values (..., size).
+            matrices: rows (..., size, n).
+        """
         if self._generalized:
             values = np.concatenate([value[..., None], *matrices], axis=-1)
             finite = np.isfinite(values).all(axis=-1) | self.quasi
@@ -509,7 +623,11 @@ class OutputStack(RowStack):
 
 
 def rheonomic_names(stack: RowStack) -> list[str]:
-    """Names of the rows that depend on time."""
+    """Names of the rows that depend on time.
+
+    Args:
+        stack: the rows.
+    """
     return [name for place in stack.places if place.block.rheonomic for name in _of(place.block.names, place.rows)]
 
 

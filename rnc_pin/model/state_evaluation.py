@@ -14,6 +14,7 @@ Paper (2)-(3), (6)-(7). All quantities have leading batch axes.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
 
 import numpy as np
 import pinocchio as pin
@@ -85,25 +86,49 @@ class StateEvaluation(ConfigurationEvaluation):
         *,
         t: Component | None = None,
     ) -> StateEvaluation:
-        """Evaluation at validated states: q (..., nq), and v2 (..., r) or v (..., nv), at times t (...)."""
+        """Evaluation at validated states: q (..., nq), and v2 (..., r) or v (..., nv), at times t (...).
+
+        Args:
+            evaluator: evaluator of the reduction.
+            q: configurations (..., nq).
+            v2: reduced velocities (..., r).
+            v: measured full velocities (..., nv), instead of v2.
+            t: times (...) [s]; None for constraints that do not depend on time.
+        """
         return cls(ConfigurationEvaluation.at(evaluator, q, t=t), v2, v)
 
     @classmethod
     def filled(
         cls, evaluator: ArraySource, q: Array, v: Array, arrays: tuple[ArraysAtQ, ArraysAtV], t: Component | None = None
     ) -> StateEvaluation:
-        """Evaluation at validated states with arrays that the evaluator has filled before; q becomes read-only."""
+        """Evaluation at validated states with arrays that the evaluator has filled before; q becomes read-only.
+
+        Args:
+            evaluator: evaluator of the reduction.
+            q: configurations (..., nq).
+            v: full velocities (..., nv).
+            arrays: arrays for q, and for v.
+            t: times (...) [s]; None for constraints that do not depend on time.
+        """
         q.setflags(write=False)
         state = cls(ConfigurationEvaluation(evaluator, q, None, t, arrays[0]), v=v, arrays=arrays[1])
         state.arrays_at_q = arrays[0]
         return state
 
     def in_reduction(self, evaluator: ArraySource) -> StateEvaluation:
-        """The same states in another reduction of the same system."""
+        """The same states in another reduction of the same system.
+
+        Args:
+            evaluator: evaluator of the other reduction.
+        """
         return StateEvaluation(self.configuration.in_reduction(evaluator), v=self.v, motion=self._motion)
 
     def with_velocity(self, v: Array) -> StateEvaluation:
-        """The same configurations with other full velocities (..., nv)."""
+        """The same configurations with other full velocities (..., nv).
+
+        Args:
+            v: full velocities (..., nv) [rad/s or m/s].
+        """
         return StateEvaluation(self, v=v)
 
     # ------------------------------------------------------------------ velocities
@@ -315,7 +340,11 @@ class StateEvaluation(ConfigurationEvaluation):
         return StateDerivative(self.v, v2_dot, power)
 
     def v2_dot(self, T: ArrayInput) -> Float[Array, "*batch r"]:
-        """Accelerations of the reducing outputs under actuator inputs T (..., p)."""
+        """Accelerations of the reducing outputs under actuator inputs T (..., p).
+
+        Args:
+            T: actuator inputs (..., p) [N or N m].
+        """
         return self.accelerated(self._total_force(T, None))
 
     @cached_property
@@ -329,7 +358,11 @@ class StateEvaluation(ConfigurationEvaluation):
         return solved[:, :-1], solved[:, -1]
 
     def v_dot(self, v2_dot: Array) -> Float[Array, "*batch nv"]:
-        """Full acceleration ``R v2_dot + Rdot v2 + b_dot`` for a reduced acceleration (..., r)."""
+        """Full acceleration ``R v2_dot + Rdot v2 + b_dot`` for a reduced acceleration (..., r).
+
+        Args:
+            v2_dot: reduced accelerations (..., r) [rad/s^2 or m/s^2].
+        """
         return apply(self.R, v2_dot) - self.E_inverse_gamma
 
     @cached_property
@@ -360,7 +393,11 @@ class StateEvaluation(ConfigurationEvaluation):
         return apply(self.M, self.E_inverse_gamma) - self.nonlinear_effects
 
     def accelerated(self, force: Array) -> Float[Array, "*batch r"]:
-        """Reduced acceleration under generalized forces (..., nv): ``H v2dot = R^T (force + unforced)``."""
+        """Reduced acceleration under generalized forces (..., nv): ``H v2dot = R^T (force + unforced)``.
+
+        Args:
+            force: generalized forces (..., nv) in addition to passive ones [N or N m].
+        """
         acting = force + self.passive_force if self._data.forces else force
         if (filled := self.arrays_at_v.accelerated(acting)) is not None:
             return filled
@@ -385,7 +422,11 @@ class StateEvaluation(ConfigurationEvaluation):
         return "H is nearly singular or a force is too large"
 
     def inverse_dynamics(self, v2_dot: ArrayInput) -> Float[Array, "*batch r"]:
-        """Reduced forces ``F = H v2dot + V v2 + G``."""
+        """Reduced forces ``F = H v2dot + V v2 + G``.
+
+        Args:
+            v2_dot: reduced accelerations (..., r) [rad/s^2 or m/s^2].
+        """
         acceleration = self.v_dot(vector(v2_dot, self._data.r, "v2_dot"))
         return apply_transposed(self.R, apply(self.M, acceleration) + self.bias)
 
@@ -414,7 +455,12 @@ class StateEvaluation(ConfigurationEvaluation):
         )
 
     def acceleration(self, T: ArrayInput, external: Array | None = None) -> Float[Array, "*batch nv"]:
-        """Full acceleration under inputs T (..., p) and external generalized forces (..., nv)."""
+        """Full acceleration under inputs T (..., p) and external generalized forces (..., nv).
+
+        Args:
+            T: actuator inputs (..., p) [N or N m].
+            external: generalized forces (..., nv) in addition to inputs; None for zero.
+        """
         return self.v_dot(self.accelerated(self._total_force(T, external)))
 
     # ------------------------------------------------------------------ constraint forces
@@ -442,13 +488,23 @@ class StateEvaluation(ConfigurationEvaluation):
         return apply_transposed(self.E_inverse[self._data.multiplied], left)
 
     def constraint_forces(self, T: ArrayInput, external: Array | None = None) -> Float[Array, "*batch nv"]:
-        """Generalized forces ``-A^T lambda`` of all constraints on the robot; arguments as of ``contact_forces``."""
+        """Generalized forces ``-A^T lambda`` of all constraints on the robot; arguments as of ``contact_forces``.
+
+        Args:
+            T: actuator inputs (..., p) [N or N m].
+            external: generalized forces (..., nv) in addition to inputs; None for zero.
+        """
         return self.forced_motion(T, external)[0]
 
     def forced_motion(
         self, T: ArrayInput, external: Array | None = None
     ) -> tuple[Float[Array, "*batch nv"], Float[Array, "*batch nv"]]:
-        """Return ``constraint_forces`` and ``acceleration`` under the same forces."""
+        """Return ``constraint_forces`` and ``acceleration`` under the same forces.
+
+        Args:
+            T: actuator inputs (..., p) [N or N m].
+            external: generalized forces (..., nv) in addition to inputs; None for zero.
+        """
         force = self._total_force(T, external)
         v_dot = self.v_dot(self.accelerated(force))
         return -(force - self.bias - apply(self.M, v_dot)), v_dot
@@ -488,21 +544,7 @@ class StateEvaluation(ConfigurationEvaluation):
 
     def terms(self) -> ReducedTerms:
         """All matrices of the reduced system."""
-        return ReducedTerms(
-            R=self.R,
-            R_dot=self.R_dot,
-            H=self.H,
-            V=self.V,
-            G=self.G,
-            input_matrix=self.input_matrix,
-            A=self.A,
-            A_dot=self.A_dot,
-            A_star=self.A_star,
-            A_star_dot=self.A_star_dot,
-            v=self.v,
-            b=self.b,
-            b_dot=self.b_dot,
-        )
+        return ReducedTerms(**{field.name: getattr(self, field.name) for field in fields(ReducedTerms)})
 
 
 # ------------------------------------------------------------------ gradients along reducing outputs
@@ -519,7 +561,12 @@ def kinematic_gradient(here: ConfigurationEvaluation, along: Sequence[int] | Arr
 
 
 def output_slopes(here: ConfigurationEvaluation, along: Sequence[int] | Array) -> Float[Array, "s *batch k r"]:
-    """Rates of ``A_star`` in the motions of single reducing outputs at unit rate, by their indices in x2, (s,)."""
+    """Rates of ``A_star`` in the motions of single reducing outputs at unit rate, by their indices in x2, (s,).
+
+    Args:
+        here: evaluation at configurations.
+        along: indices in x2, (s,).
+    """
     if (filled := here.arrays_at_q.output_slopes(along)) is not None:
         return filled
     each = [StateEvaluation(here, v=here.R[..., j]).A_star_dot for j in along]

@@ -38,15 +38,28 @@ class SelectedOutputs:
         self._places = [slice(a, b) for a, b in zip([0, *ends], ends, strict=False)]
 
     def value(self, at: PositionKinematics) -> np.ndarray:
-        """Values (..., k)."""
+        """Values (..., k).
+
+        Args:
+            at: kinematics at configurations (..., nq).
+        """
         return np.concatenate([stack.value(at)[..., rows] for stack, rows, _ in self._parts], axis=-1)
 
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
-        """Jacobian (..., k, nv); rows of rotations are angular velocities in world axes."""
+        """Jacobian (..., k, nv); rows of rotations are angular velocities in world axes.
+
+        Args:
+            at: kinematics at configurations (..., nq).
+        """
         return np.concatenate([stack.jacobian(at)[..., rows, :] for stack, rows, _ in self._parts], axis=-2)
 
     def error(self, at: PositionKinematics, target: np.ndarray) -> np.ndarray:
-        """Target minus value (..., k): angles within half a turn, rotations as vectors in world axes."""
+        """Target minus value (..., k): angles within half a turn, rotations as vectors in world axes.
+
+        Args:
+            at: kinematics at configurations (..., nq).
+            target: targets (k,) or (..., k) [rad or m].
+        """
         value = self.value(at)
         goal = target if target.shape == value.shape else np.broadcast_to(target, value.shape)
         parts = zip(self._parts, self._places, strict=True)
@@ -54,7 +67,12 @@ class SelectedOutputs:
         return np.concatenate(found, axis=-1)
 
     def error_jacobian(self, at: PositionKinematics, error: np.ndarray) -> np.ndarray:
-        """Derivative (..., k, nv) of ``-error`` along the tangent space at q."""
+        """Derivative (..., k, nv) of ``-error`` along the tangent space at q.
+
+        Args:
+            at: kinematics at configurations (..., nq).
+            error: the error (..., k) [rad or m].
+        """
         J = self.jacobian(at)
         for (*_, kinds), place in zip(self._parts, self._places, strict=True):
             for first in kinds.rotations:
@@ -120,15 +138,28 @@ class OutputTargets:
         self.places = tuple(slice(a, b) for a, b in zip([0, *ends], ends, strict=False))
 
     def error(self, at: PositionKinematics) -> np.ndarray:
-        """Error (k,): target minus value; rotations in world axes, angles within half a turn."""
+        """Error (k,): target minus value; rotations in world axes, angles within half a turn.
+
+        Args:
+            at: kinematics at one configuration (nq,).
+        """
         return self._outputs.error(at, self._values)
 
     def jacobian(self, at: PositionKinematics, error: np.ndarray) -> np.ndarray:
-        """Jacobian (k, nv) of ``-error``."""
+        """Jacobian (k, nv) of ``-error``.
+
+        Args:
+            at: kinematics at one configuration (nq,).
+            error: the error (k,) [rad or m].
+        """
         return self._outputs.error_jacobian(at, error)
 
     def residuals(self, error: np.ndarray) -> dict[str, float]:
-        """Length of the error of each target [m or rad]."""
+        """Length of the error of each target [m or rad].
+
+        Args:
+            error: the error (k,) [rad or m].
+        """
         return {
             label: float(np.linalg.norm(error[place])) for label, place in zip(self.labels, self.places, strict=True)
         }

@@ -25,7 +25,15 @@ _STEPS = (0.3 * STEP, STEP, 0.1 * STEP)  # [rad or m]
 def directional_derivative(
     model: pin.Model, field: Field, q: np.ndarray, x: np.ndarray, step: float = STEP
 ) -> np.ndarray:
-    """Derivative of ``field(q)`` along a tangent vector x (nv,)."""
+    """Derivative of ``field(q)`` along a tangent vector x (nv,).
+
+    Args:
+        model: Pinocchio's model of the robot.
+        field: function of one configuration.
+        q: configuration (nq,).
+        x: the tangent vector.
+        step: distance between evaluations [rad or m].
+    """
     length = np.linalg.norm(x)
     if length == 0:
         return np.zeros_like(field(q))
@@ -34,25 +42,48 @@ def directional_derivative(
 
 
 def central_difference(field: Callable[[float], np.ndarray], step: float) -> np.ndarray:
-    """Derivative of ``field(s)`` at zero."""
+    """Derivative of ``field(s)`` at zero.
+
+    Args:
+        field: function of one number.
+        step: distance between evaluations.
+    """
     stencil = ((1, 4 / 5), (2, -1 / 5), (3, 4 / 105), (4, -1 / 280))  # of order eight
     terms = [weight * (field(k * step) - field(-k * step)) for k, weight in stencil]
     return np.asarray(np.sum(terms, axis=0) / step)
 
 
 def gradient(model: pin.Model, field: Field, q: np.ndarray, step: float = STEP) -> np.ndarray:
-    """Derivatives (..., nv) of ``field(q)`` (...) along every tangent direction."""
+    """Derivatives (..., nv) of ``field(q)`` (...) along every tangent direction.
+
+    Args:
+        model: Pinocchio's model of the robot.
+        field: function of one configuration.
+        q: configuration (nq,).
+        step: distance between evaluations [rad or m].
+    """
     return np.stack([directional_derivative(model, field, q, x, step) for x in np.eye(model.nv)], axis=-1)
 
 
 def gradient_with_error(model: pin.Model, field: Field, q: np.ndarray) -> tuple[np.ndarray, float]:
-    """Gradient as in ``gradient``, and the largest difference between the results of two step lengths."""
+    """Gradient as in ``gradient``, and the largest difference between the results of two step lengths.
+
+    Args:
+        model: Pinocchio's model of the robot.
+        field: function of one configuration.
+        q: configuration (nq,).
+    """
     coarse, fine = (gradient(model, field, q, step) for step in (0.8 * STEP, 0.4 * STEP))
     return fine, float(np.abs(fine - coarse).max(initial=0.0))
 
 
 def vector_gradient_with_error(field: Field, x: np.ndarray) -> tuple[np.ndarray, float]:
-    """Derivatives (..., n) of ``field(x)`` at a vector x (n,), and their error as in ``gradient_with_error``."""
+    """Derivatives (..., n) of ``field(x)`` at a vector x (n,), and their error as in ``gradient_with_error``.
+
+    Args:
+        field: function of one vector.
+        x: the vector.
+    """
 
     def moved(unit: np.ndarray, by: float) -> np.ndarray:
         return field(x + by * unit)
