@@ -83,6 +83,7 @@ class FaultyPlant:
     def _initialize(self) -> None:
         self._generator = np.random.default_rng(self._seed)
         self._delayed: deque[tuple[np.ndarray, np.ndarray]] = deque()
+        self._applied: np.ndarray | None = None
 
     def reset(self, q: np.ndarray, v: np.ndarray) -> None:
         """Restart with the same noise.
@@ -104,8 +105,10 @@ class FaultyPlant:
         return self.plant.read()
 
     def report(self) -> PlantReport:
-        """Return the report of the plant, with the true state."""
-        return report_of(self.plant)._replace(actual=self.actual())
+        """Return the report of the plant, with the true state and the inputs within the limit of the actuators."""
+        found = report_of(self.plant)
+        applied = self._applied if found.applied is None else found.applied
+        return found._replace(actual=self.actual(), applied=applied)
 
     # ------------------------------------------------------------------ sensors
 
@@ -146,7 +149,8 @@ class FaultyPlant:
         Args:
             T: inputs (p,) [N or N m].
         """
-        self.plant.apply(np.clip(T, -self.faults.effort, self.faults.effort))
+        self._applied = np.clip(T, -self.faults.effort, self.faults.effort)
+        self.plant.apply(self._applied)
 
     def advance(self, dt: float) -> None:
         """Advance the time by dt [s].

@@ -258,7 +258,7 @@ class ConstrainedDynamics:
         """Inputs clipped to the actuator limits.
 
         Args:
-            T: actuator inputs (p,).
+            T: actuator inputs (..., p).
         """
         return T if self._limits is None else clipped(T, self._limits)
 

@@ -189,15 +189,7 @@ class ReducedPlant(ReprMixin):
         Args:
             T: finite inputs (p,), contiguous, that nobody changes afterwards.
         """
-        self.applied = self.saturated(T)
-
-    def saturated(self, T: np.ndarray) -> np.ndarray:
-        """Return the inputs T (p,) clipped to the actuator limits.
-
-        Args:
-            T: actuator inputs [N or N m].
-        """
-        return self.dynamics.saturate(T)
+        self.applied = self.dynamics.saturate(T)
 
     def keep_errors(self, errors: IntegrationErrors) -> None:
         """Go on with the estimated errors of a motion that this plant continues.

@@ -20,7 +20,7 @@ from rnc_pin.control.redundancy import RedundancyController
 from rnc_pin.control.velocity_tracker import VelocityTracker
 from rnc_pin.errors import InputError, RncError
 from rnc_pin.interruption import interruptible, uninterrupted
-from rnc_pin.math.linear_algebra import apply, clipped
+from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.compiled_runs import RunStarts, runs_of
 from rnc_pin.model.evaluator import Evaluator
 from rnc_pin.model.input_validation import numbers_of
@@ -127,7 +127,7 @@ class _Batch:
         ]
         calls = runs_of(self._reduced.evaluator)
         assert calls is not None  # see _common_plant
-        self._calls, self._limits, self._count = calls, self._runs[0].loop.limits, 0
+        self._calls, self._count = calls, 0
         self._rows = np.empty((len(arguments), self._samples, self._runs[0].record.width))
         starts = [own.checkpoint() for own in self._plants]
         self._at = np.arange(len(arguments))  # numbers of the runs that are still regular
@@ -182,7 +182,7 @@ class _Batch:
             self._state = self._controller.initial_state(measurement)
         command, self._state = self._controller.step(t, measurement, self._state)
         requested = states.allocate(command.F) if command.T is None else np.tile(command.T, (len(self._at), 1))
-        self._T = np.ascontiguousarray(requested if self._limits is None else clipped(requested, self._limits))
+        self._T = np.ascontiguousarray(self._plants[0].dynamics.saturate(requested))
         self._deficit = None if (requested == self._T).all() else requested - self._T
         self._record(sample, states, command, (measurement.x1, measurement.x2, integrals))
 

@@ -56,10 +56,10 @@ class PlantAdapter:
 
     @property
     def loop_options(self) -> LoopOptions:
-        """Default options of the control loop on this plant."""
-        if self._exact is None:
-            return {"fallback": "zero" if self._servos else "hold", "limits": False}
-        return {"fallback": "raise", "limits": self._exact.actuator_limits}
+        """Default options of the control loop on this plant, which clips inputs itself and reports what it applies."""
+        if self._exact is not None:
+            return {"fallback": "raise", "limits": False}
+        return {"fallback": "zero" if self._servos else "hold", "limits": False}
 
     def reset(self, start: StateEvaluation) -> None:
         """Restart the plant at a state."""

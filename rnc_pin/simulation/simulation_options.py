@@ -45,8 +45,7 @@ class SimulationOptions:
     Args:
         stop: conditions that end the run early: ``Stop(position_limits=True)``.
         loop: options of the ``ControlLoop`` of the controller. On a ``ReducedPlant`` of the same model, errors are
-            raised by default, and the loop clips inputs if the plant does. On another plant the loop gives a safe
-            command instead.
+            raised by default; on another plant the loop gives a safe command instead. Inputs are clipped by the plant.
         controller_state: initial state of the controller; a new one by default.
         observer: function that is called with every ``Sample``.
         meta: origin of the run, stored with the trajectory: a ``Provenance``, or a mapping that JSON can represent.

@@ -122,13 +122,15 @@ def test_truth_differs_from_belief():
     assert later.inertias[2].mass == true.inertias[2].mass  # drawn by the seed
 
 
-def test_limits_of_the_plant_under_the_faults_are_told():
+@pytest.mark.parametrize("report", [ReducedPlant.report, None], ids=["it reports", "it does not"])
+def test_limits_of_the_plant_under_the_faults_are_told(report):
     reduced = mobile_manipulator()
 
     class Weak(ReducedPlant):
         def apply(self, T):
             self.applied = np.clip(T, -0.1, 0.1)
 
+    Weak.report = report
     plant = FaultyPlant(Weak(reduced), rnc.Faults(effort=0.05), reduced)
     plant.reset(reduced.robot.configuration(), np.zeros(reduced.n))
     plant.apply(np.array([0.01, -0.04, 0.3, -2.0]))

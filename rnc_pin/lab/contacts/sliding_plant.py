@@ -161,7 +161,7 @@ class SlidingPlant:
         Args:
             T: inputs (p,) [N or N m].
         """
-        self.applied = self._flight.saturated(T)
+        self.applied = self._flight.dynamics.saturate(T)
 
     def keep_errors(self, errors: IntegrationErrors) -> None:
         """Go on with the estimated errors of a motion that this one continues.
