@@ -30,9 +30,8 @@ from rnc_pin.plants.constrained_dynamics import MAX_GROWTH
 from rnc_pin.plants.reduced_plant import Checkpoint
 from rnc_pin.plants.step_control import IntegrationErrors
 from rnc_pin.simulation.run_info import Outcome
-from rnc_pin.simulation.sampled_run import SampledRun, check_arguments
-from rnc_pin.simulation.simulation_options import RunArguments
-from rnc_pin.simulation.stop import complete_run
+from rnc_pin.simulation.sampled_run import SampledRun, complete_run
+from rnc_pin.simulation.simulation_options import RunArguments, check_arguments
 from rnc_pin.simulation.trajectory import Trajectory
 
 

@@ -21,9 +21,14 @@ from rnc_pin.plants.plant import PlantReport
 from rnc_pin.simulation.derived_quantities import derive, versions
 from rnc_pin.simulation.record import Record
 from rnc_pin.simulation.run_info import RunInfo, provenance_of
-from rnc_pin.simulation.sampled_run import assembled_start
-from rnc_pin.simulation.simulation_options import DEFAULT_OPTIONS, SimulationOptions
-from rnc_pin.simulation.stop import LiftOffMonitor, Progress, StopMonitor, complete_run
+from rnc_pin.simulation.sampled_run import Progress, complete_run
+from rnc_pin.simulation.simulation_options import (
+    DEFAULT_OPTIONS,
+    LiftOffMonitor,
+    SimulationOptions,
+    StopMonitor,
+    assembled_start,
+)
 from rnc_pin.simulation.trajectory import Trajectory
 
 _AT_ONCE = 256  # samples that are recorded together

@@ -30,7 +30,7 @@ from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.task import Task
 from rnc_pin.printing import printed
 from rnc_pin.references.reference import TaskReference
-from rnc_pin.simulation.stop import run_error
+from rnc_pin.simulation.sampled_run import run_error
 
 
 @printed()

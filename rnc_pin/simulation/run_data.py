@@ -14,7 +14,6 @@ from rnc_pin.array_shapes import Float, Int
 from rnc_pin.control.controller import LimitedAcceleration, MissedGoal
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.io.json import Json
-from rnc_pin.io.safe_npz import ArchiveError, read_npz
 from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.simulation.run_info import Outcome, OutputNames, RunInfo
@@ -158,6 +157,8 @@ class RunData:
         Raises:
             ConfigurationError: the file does not exist, is not a trajectory, or is too large.
         """
+        from rnc_pin.io.safe_npz import ArchiveError, read_npz  # a run that reads no file starts without it
+
         path = Path(path)
         names = [*_ARRAYS, "meta"]
         try:

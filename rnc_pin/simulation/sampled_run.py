@@ -1,18 +1,21 @@
-"""Run of a sampled controller and a plant, one sample at a time."""
+"""Simulation of a sampled controller with zero-order hold and a continuous plant, one sample at a time."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from time import perf_counter, thread_time
+from typing import cast
 
 import numpy as np
 from numpy import ndarray as Array
 
-from rnc_pin.control.controller import Command, VelocityGiving, findings_of, limited_accelerations, missed_goals
-from rnc_pin.control.loop import ControlLoop, LoopOptions, LoopState, VelocityInputLoop
+from rnc_pin import errors
+from rnc_pin.control.controller import Command, Controller, findings_of, limited_accelerations, missed_goals
+from rnc_pin.control.loop import ControlLoop, LoopOptions, LoopState
 from rnc_pin.control.loop.loop_state import LateTicks, with_late_tick
-from rnc_pin.control.loop.options import admit_controller, admit_model, type_name
-from rnc_pin.errors import ConfigurationError, DivergenceError, InputError
+from rnc_pin.errors import DivergenceError
+from rnc_pin.interruption import interruptible, uninterrupted
 from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.input_validation import numbers_of
 from rnc_pin.model.reduced_model import ReducedModel
@@ -25,14 +28,92 @@ from rnc_pin.simulation import run_info
 from rnc_pin.simulation.derived_quantities import derive, versions
 from rnc_pin.simulation.record import Record
 from rnc_pin.simulation.run_data import Grounds
-from rnc_pin.simulation.simulation_options import RunArguments, Sample, SimulationOptions
-from rnc_pin.simulation.stop import MODEL, LiftOffMonitor, Progress, StopMonitor
+from rnc_pin.simulation.run_info import Outcome
+from rnc_pin.simulation.simulation_options import (
+    DEFAULT_OPTIONS,
+    LiftOffMonitor,
+    RunArguments,
+    Sample,
+    SimulationOptions,
+    StopMonitor,
+    assembled_start,
+    check_arguments,
+    sample_count,
+)
 from rnc_pin.simulation.trajectory import Trajectory
 
 _EMPTY = np.zeros(0)
 _ROUNDING = 1e-6  # of a time, in sampling periods
-_ASSEMBLED = 1e-4  # largest residual of holonomic rows that counts as rounding of an initial configuration
 _AT_FAULT = 0.01  # sum of the estimated errors, relative to the velocities, from which the integrator diverges
+
+
+def simulate(
+    reduced: ReducedModel,
+    controller: Controller,
+    q0: np.ndarray,
+    duration: float,
+    dt: float = 0.002,
+    *,
+    v2_0: np.ndarray | None = None,
+    plant: Plant | None = None,
+    options: SimulationOptions = DEFAULT_OPTIONS,
+) -> Trajectory:
+    """Simulate a controller in closed loop with the reduced model, or with another plant.
+
+    The controller gets a measurement every ``dt``, and a zero-order hold keeps its inputs in between. A fourth-order
+    Lie-group integrator runs in charts of the constraints, which are regular if the constraints have constant rank.
+    So only the outputs of the controller can be singular. At every sample a projection removes the drift of holonomic
+    rows, such as wheel height and loop closure. The correction has zero momentum along the admissible velocities.
+
+    With a row for each run in q0 or v2_0, the result is a list of runs. An error ends only its run, whose trajectory
+    has its outcome and message. On a ``ReducedPlant`` of the model, runs under trackers are computed together, and
+    differ from runs alone by rounding; other runs are computed one after the other.
+
+    Args:
+        reduced: reduced model.
+        controller: controller with the protocol of ``rnc_pin.control``.
+        q0: initial configuration (nq,), or many (B, nq).
+        duration: duration [s], rounded to a multiple of ``dt``.
+        dt: sampling period [s].
+        v2_0: initial reduced velocity (r,), or many (B, r); zero by default.
+        plant: what moves: a ``ReducedPlant`` with damping, friction or actuator limits, a model that differs from the
+            nominal one, velocity servos (for an ``ActuatorVelocityController``), sensors with faults, another
+            simulator, or hardware. ``ReducedPlant(reduced)`` by default.
+        options: stop conditions, control loop, observer and origin of the run.
+
+    Returns:
+        The run, or a list of runs. Ctrl-C ends it early, with outcome "interrupted"; repeated Ctrl-C has the same
+        effect.
+
+    Raises:
+        RncError: the run ends early, with the run so far in ``error.trajectory``: a SingularityError, DivergenceError
+            or LimitError; a ConstraintError if the actuators cannot produce the command; or a SimulationError, whose
+            cause is an error that the controller or the observer raised.
+        InputError: wrong shapes; the duration or period is not positive; or the initial configuration violates the
+            holonomic rows (``ReducedModel.assembled`` returns one that satisfies them).
+        ConfigurationError: an argument has the wrong type, or ``meta`` has a value of the wrong type under a known key.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
+        >>> reduced = system.reduce([rnc.JointPosition(f"joint_{k}") for k in (1, 2, 3)])
+        >>> swing = rnc.planning.MinimumJerk(np.zeros(3), [0.5, 0.0, 0.0], duration=1.0)
+        >>> target = rnc.control.ReducingOutputController(reduced, swing)
+        >>> controller = rnc.control.ComputedTorque(reduced, target)
+        >>> run = rnc.simulate(reduced, controller, robot.configuration(), duration=1.0, dt=0.01)
+        >>> run
+        Trajectory: succeeded, 1 s in 101 samples
+        >>> round(run.x2[-1, 0].item(), 2)
+        0.5
+    """
+    samples = sample_count(duration, dt)
+    arguments = RunArguments(reduced, controller, q0, dt, samples, v2_0, plant, options)
+    if np.ndim(q0) > 1 or (v2_0 is not None and np.ndim(v2_0) > 1):
+        from rnc_pin.simulation.batch import simulate_batch  # a run alone starts without it
+
+        return cast(Trajectory, simulate_batch(arguments))  # for type checkers, which cannot tell one row from many
+    run = SampledRun(arguments)
+    return complete_run(lambda progress: run.run_to(samples, progress), run.finish)
 
 
 class PlantAdapter:
@@ -129,8 +210,12 @@ class SampledRun:
         self._info, self._observer = run_info.RunInfo(dt=dt, versions=versions(), provenance=origin), options.observer
         self._adapter = adapter = PlantAdapter(ReducedPlant(reduced) if plant is None else plant, reduced)
         loop_options: LoopOptions = {**adapter.loop_options, "max_speed": options.stop.speed, **options.loop}
-        kind = VelocityInputLoop if takes_velocities(plant) else ControlLoop
-        self.loop: ControlLoop = kind(reduced, controller, dt, **loop_options)
+        kind: type[ControlLoop] = ControlLoop
+        if takes_velocities(plant):
+            from rnc_pin.control.loop import VelocityInputLoop  # a run under forces starts without it
+
+            kind = VelocityInputLoop
+        self.loop = kind(reduced, controller, dt, **loop_options)
         self.stop, self._dt, self.samples = StopMonitor(options.stop, reduced.robot), dt, 0
         self._zeros = zeros = np.zeros(reduced.r)
         self._fallbacks: list[int] = []  # numbers of the samples with a fallback command
@@ -293,46 +378,6 @@ def _blamed(error: DivergenceError, errors: IntegrationErrors | None, v: Array) 
     return DivergenceError(what, time=error.time)
 
 
-def check_arguments(arguments: RunArguments) -> None:
-    """Raise an error if an argument of a run has the wrong type, or if plant and controller do not fit together."""
-    reduced, controller, *_, plant, options = arguments
-    admit_model(reduced)
-    admit_controller(controller)
-    if plant is not None and (isinstance(plant, type) or not isinstance(plant, Plant)):
-        raise ConfigurationError(f"plant: expected methods reset, read, apply, advance, found {type_name(plant)}")
-    takes, gives = takes_velocities(plant), isinstance(controller, VelocityGiving) and controller.gives_velocities
-    if takes and not gives:
-        raise ConfigurationError(
-            "the plant takes velocities: put rnc.control.ActuatorVelocityController(reduced, ...) over a kinematic "
-            f"controller, found {type_name(controller)}"
-        )
-    if gives and not takes:
-        raise ConfigurationError(
-            "the controller gives velocities: expected a plant with velocity servos, such as "
-            f"rnc.plants.VelocityPlant(reduced), found {type_name(plant)}"
-        )
-    if not isinstance(options, SimulationOptions):
-        raise ConfigurationError(f"options: expected SimulationOptions, found {type_name(options)}")
-
-
-def assembled_start(reduced: ReducedModel, q0: Array) -> Array:
-    """Initial configuration without rounding errors of the holonomic rows.
-
-    Raises:
-        InputError: the residual of a holonomic row is larger than rounding.
-    """
-    if not reduced.assembly.size:
-        return q0
-    if np.abs(reduced.assembly.residual(q0)).max() > _ASSEMBLED:
-        name, residual = reduced.assembly.worst(q0)
-        raise InputError(
-            f"the initial configuration violates {name} by {residual:.3g} [m or rad]; "
-            "reduced.assembled(q0) or system.assembled(q0) returns the nearest one that satisfies it"
-            f"{reduced.assembly.remedy(name)}"
-        )
-    return reduced.assembled(q0)
-
-
 def _last_decision(loop: ControlLoop, state: StateEvaluation) -> tuple[Measurement, Command]:
     """Measurement and command of the loop's last step. For a safe command, the goals are those of the step before."""
     if loop.last is None:
@@ -340,3 +385,77 @@ def _last_decision(loop: ControlLoop, state: StateEvaluation) -> tuple[Measureme
     if loop.state.fault is not None:
         return loop.last.measurement, loop.last.command._replace(F=None, T=loop.state.T)
     return loop.last.measurement, loop.last.command
+
+
+# ---------------------------------------------------------------------- end of a run
+
+
+_OUTCOMES = {
+    errors.SingularityError: Outcome.SINGULAR,
+    errors.DivergenceError: Outcome.DIVERGED,
+    errors.LimitError: Outcome.LIMIT,
+}
+_LONGEST = 300  # largest number of characters from the message of a foreign error
+
+MODEL = "the model"
+Finish = Callable[[Outcome, str | None], Trajectory]
+
+
+@dataclass
+class Progress:
+    """Progress of a run, for its error messages."""
+
+    time: float = 0.0
+    """[s]"""
+    active_component: str = MODEL
+
+
+def complete_run(advance: Callable[[Progress], str | None], finish: Finish) -> Trajectory:
+    """Run to the end and return the trajectory; Ctrl-C ends the run early.
+
+    Args:
+        advance: the whole run; returns the reason if it failed without an error.
+        finish: function from the outcome and its reason to the trajectory so far.
+
+    Raises:
+        RncError: ``advance`` raised an error. ``error.trajectory`` has the trajectory so far.
+    """
+    progress, outcome, reason = Progress(), Outcome.COMPLETED, None
+    with uninterrupted():
+        try:
+            with interruptible():
+                reason = advance(progress)
+        except KeyboardInterrupt:
+            outcome = Outcome.INTERRUPTED
+        except Exception as error:
+            failure = run_error(error, progress.active_component, progress.time)
+            failure.trajectory = finish(outcome_of(failure), str(failure))
+            raise failure  # noqa: B904 (run_error sets the cause)
+        return finish(outcome if reason is None else Outcome.FAILED, reason)
+
+
+def run_error(error: Exception, component: str, t: float) -> errors.RncError:
+    """Return an error of a run as an RncError, which can carry the run so far.
+
+    Args:
+        error: error that was caught.
+        component: name of the component that raised it.
+        t: time [s].
+
+    Returns:
+        The error itself if it is an RncError, else a SimulationError with the error as its cause.
+    """
+    if isinstance(error, errors.RncError):
+        if isinstance(error, errors.SingularityError | errors.DivergenceError) and error.time is None:
+            error.time = t
+        return error
+    message = " ".join(str(error).split())
+    message = f": {message[:_LONGEST]}" if message else ""
+    failure = errors.SimulationError(f"{component} raised {type(error).__name__} at t = {t:.3f} s{message}")
+    failure.__cause__ = error
+    return failure
+
+
+def outcome_of(error: errors.RncError) -> Outcome:
+    """Outcome of a run that an error ended."""
+    return next((outcome for kind, outcome in _OUTCOMES.items() if isinstance(error, kind)), Outcome.FAILED)

@@ -23,8 +23,7 @@ from rnc_pin.applications.scenario.simulated_run import judged_summary
 from rnc_pin.errors import RncError, printable
 from rnc_pin.motion.whole_body import LimitReport
 from rnc_pin.simulation import RunArguments, Sample, Trajectory
-from rnc_pin.simulation.sampled_run import SampledRun
-from rnc_pin.simulation.stop import Progress, complete_run
+from rnc_pin.simulation.sampled_run import Progress, SampledRun, complete_run
 
 _WAITING = 200  # targets that one sample can set
 
