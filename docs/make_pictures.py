@@ -76,7 +76,7 @@ def picture(prepared: Scenario, result: Result) -> dict:
             shrink(Image.open(folder / "top_view.png"), IMAGES / plots[-1], colors=128)
         animation_size = (folder / "animation.html").stat().st_size
     run, title = result.trajectory, scenario.title or name
-    recording = Recording(drawn_run(prepared.experiment.drawn_model, scenario, run), run, scenario.view, title)
+    recording = Recording(drawn_run(prepared.experiment.drawn_model, scenario), run, scenario.view, title)
     for shot in take_pictures(recording, [telling_moment(prepared, result)], (1000, 600)):
         shrink(Image.open(io.BytesIO(shot)), IMAGES / f"{name.replace('-', '_')}.png")
     errors = {key: float(f"{value:.2g}") for key, value in result.summary["final_error"].items()}

@@ -66,7 +66,10 @@ SYNONYMS = {
         "armature",
         "cable",
         "curb",
+        "finger",
+        "gripper",
         "IMU",
+        "mimic",
         "rope",
         "rotor inertia",
         "suspension",
@@ -78,13 +81,15 @@ SYNONYMS = {
     "commands": ["video", "extras"],
     "limits": ["what it cannot do"],
     "logs": ["bag", "calibration", "ROS"],
-    "own_robot": ["differential", "gripper", "mimic", "MJCF", "URDF", "xacro"],
+    "own_robot": ["differential", "MJCF", "trailer", "URDF", "xacro"],
     "python": ["balance", "LQR", "linearisation"],
     "redundancy": ["null space", "nullspace"],
+    "tutorials/07_planning_tracking": ["cusp"],
     "tutorials/11_cmd_vel": ["cmd_vel", "odometry", "twist"],
     "optimal": ["MPC", "parking"],
     "ways": ["door", "map", "path planning"],
-    "whole_body": ["chatter", "joint limits", "task priority"],
+    "verdicts": ["chatter", "jitter"],
+    "whole_body": ["joint limits", "task priority", "torque limit"],
 }
 """Words of readers that lead to a page before all others: main entries of Sphinx's index."""
 ELSEWHERE = {*dir(builtins), *typing.__all__, *collections.abc.__all__, "Array", "ndarray", "Float", "Path"}
