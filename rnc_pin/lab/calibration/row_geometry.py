@@ -78,6 +78,8 @@ class _Block:
     """Rows in use."""
     shape: list[int] = field(default_factory=list)
     """Entries of v whose positions the rows depend on."""
+    acting: set[int] = field(default_factory=set)
+    """Entries of v in the rows."""
 
 
 class RowGeometry:
@@ -142,6 +144,7 @@ class RowGeometry:
         positions[:, list(self._virtual.values())] *= 1e-2
         place = self._kinematics.position(self._configurations(positions))
         silent = 1e-9  # entries of a derivative below which a row does not depend on a joint
+        block.acting = set(np.abs(block.rows.jacobian(place)).max(axis=(0, 1)).nonzero()[0].tolist())
         for column in range(self._robot.nv):
             slope = self._slope(block, place, np.eye(self._robot.nv)[column])
             if column in self.base:
@@ -155,14 +158,14 @@ class RowGeometry:
                 block.shape.append(column)
 
     def drop(self, unmeasured: Sequence[int]) -> tuple[str, ...]:
-        """Leave out rows that depend on positions of unmeasured joints (columns); return their names.
+        """Leave out rows that depend on positions of unmeasured joints, or act on nothing else; return their names.
 
         Args:
             unmeasured: columns of joints that the log does not have.
         """
         names: list[str] = []
         for block in self._blocks:
-            if set(block.shape) & set(unmeasured):
+            if set(block.shape) & set(unmeasured) or block.acting <= set(unmeasured):
                 names += [block.rows.names[row] for row in block.kept]
                 block.kept = []
         return tuple(names)

@@ -44,3 +44,10 @@ def test_the_replay_is_the_measured_path_of_a_right_model(tmp_path):
     replay = found.replay
     np.testing.assert_allclose(replay.predicted, replay.measured, atol=1e-4)
     np.testing.assert_allclose(replay.q[:, :2], replay.predicted[:, :2])
+
+
+def test_fingers_that_are_coupled_to_each_other_only_need_no_log(tmp_path):
+    log, cart = DIFFERENTIAL.log(0), DIFFERENTIAL.system(tmp_path)
+    robot = cart.robot.attach(rnc.Robot.from_example("panda"), "base")
+    carrying = rnc.NonholonomicSystem(robot, DIFFERENTIAL.constraints(DIFFERENTIAL.nominal))
+    assert rnc.compare(carrying, log, "sensor").errors == rnc.compare(cart, log, "sensor").errors
