@@ -158,6 +158,7 @@ def _content(
 ) -> dict[str, Json]:
     """Content of the scenario file."""
     use, robot = found.use, scenario.robot
+    followers = {each.joint for each in robot.mimics if start}  # where their drivers start elsewhere
     primary, vertical = _kinds(known, found.exploration.primary), _kinds(known, use.moved)
     redundant = _kinds(known, use.redundant)
     if use.redundancy_class == "3":  # a platform that drives and turns
@@ -169,7 +170,7 @@ def _content(
         **{key: scenario.raw[key] for key in _KEPT if key in scenario.raw},
         "outputs": {"reducing": _entries([*primary, *redundant]), "vertical": _entries(vertical)},
         "task": names,
-        "initial": {"q": {**scenario.content.initial.q, **start}},
+        "initial": {"q": {k: q for k, q in {**scenario.content.initial.q, **start}.items() if k not in followers}},
         **_control(scenario, found, known, share, tracker),
     }
     return to_json_mapping(content, "use")
