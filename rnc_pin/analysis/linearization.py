@@ -358,7 +358,7 @@ def lqr(linear: Linearization, state_cost: Cost, input_cost: Cost = 1.0) -> Floa
             names = _moved(left[:, -1], linear.state_names)
             raise ConstraintError(
                 f"the actuators {', '.join(linear.input_names)} do not control a mode that is not stable: "
-                f"it moves {names}"
+                f"it moves {names}; leave out what rows hold (coordinates= and rates= of linearize), or add actuators"
             )
         _, values, right = np.linalg.svd(np.vstack([shifted / size, Q / max(np.abs(Q).max(), 1e-300)]))
         if values[-1] < unreached and abs(mode.real) <= slow * size:

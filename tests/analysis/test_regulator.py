@@ -54,13 +54,15 @@ def test_sampled_gains_are_stable_as_long_as_a_sample_takes_less_than_twice_the_
 
 
 NOT_REACHED = "the actuators u0 do not control a mode that is not stable: it moves "
+REMEDY = "; leave out what rows hold (coordinates= and rates= of linearize), or add actuators"
 COSTS_NOTHING = "state_cost: a mode that is not stable has zero cost: it moves "
 
 
 def told(system, *costs):
     with pytest.raises(rnc.ConstraintError) as raised:
         rnc.lqr(system, *costs)
-    return str(raised.value)
+    assert str(raised.value).endswith(REMEDY) == str(raised.value).startswith(NOT_REACHED)
+    return str(raised.value).removesuffix(REMEDY)
 
 
 OSCILLATOR = [[0.3, 2.7, 0.0, 0.0], [-1.9, -0.3, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [0.0, 0.0, 0.0, 0.0]]
@@ -94,7 +96,6 @@ test_costs_that_are_none_are_refused = refused([
     (([1.0], 1.0), "state_cost: expected a number, one for each of x0, x1, or a symmetric matrix, found"),
     ((1.0, [1.0, 1.0]), "input_cost: expected a number, one for each of u0, or a symmetric matrix, found"),
     ((1.0, 0.0), "input_cost: every input needs a positive weight"),
-    ((1.0, -1.0), "input_cost: every input needs a positive weight"),
     ((1.0, {"u": 1.0}), "input_cost: no 'u'; did you mean 'u0'"),
 ], lambda costs: rnc.lqr(linear([[0.0, 1.0], [0.0, 0.0]], [[0.0], [1.0]]), *costs), rnc.ConfigurationError)  # fmt: skip
 
@@ -112,8 +113,7 @@ def test_what_fades_by_itself_need_not_be_reached(fast):
 def test_what_grows_slowly_has_to_cost_something(fast):
     limit = 1e-5 * max(1.0, fast)
     B = np.eye(2)
-    message = told(linear(np.diag([0.97 * limit, -fast]), B), [0.0, 1.0])
-    assert message == COSTS_NOTHING + "x0"
+    assert told(linear(np.diag([0.97 * limit, -fast]), B), [0.0, 1.0]) == COSTS_NOTHING + "x0"
     K = rnc.lqr(linear(np.diag([1.03 * limit, -fast]), B), [0.0, 1.0])
     np.testing.assert_allclose(K[0], [2 * 1.03 * limit, 0.0], rtol=1e-3, atol=1e-9)
 
@@ -142,9 +142,8 @@ def test_a_mode_costs_nothing_below_a_part_in_a_million(unit):
 @pytest.mark.parametrize(("part", "names"), [(0.097, "x0"), (0.103, "x0, x1")])
 def test_states_that_a_mode_hardly_moves_are_not_named(part, names):
     assert told(linear(np.zeros((2, 2)), [[part], [-1.0]]), 1.0) == NOT_REACHED + names
-    assert told(linear(np.zeros((2, 2)), np.eye(2)), np.array([[part**2, -part], [-part, 1.0]])).endswith(
-        f"it moves {names}"
-    )
+    cost = np.array([[part**2, -part], [-part, 1.0]])
+    assert told(linear(np.zeros((2, 2)), np.eye(2)), cost) == COSTS_NOTHING + names
 
 
 @pytest.mark.parametrize("unit", [1.0, 1e-14])
