@@ -132,6 +132,7 @@ class EstimatedModel(ReducedModel):
     def _evaluator_of(self, p: Array | None) -> Evaluator:
         """Evaluator of a copy that nobody uses, with parameters p (s,), or 1."""
         with _LENDING:  # two threads would find the same copy free
+            # Usually two copies are enough: that of this sample, and that of the last one, which is still in use.
             free = next((each for each in self._copies if each.is_free), None)
             if free is None:
                 free = self._new_copy()
@@ -315,6 +316,7 @@ class Estimator(ReprMixin):
             InputError: time runs backwards.
         """
         elapsed = elapsed_time(t, state.time)
+        # Paper (18): what the estimates do not explain of the measured motion.
         y, Y = self.regressor.regress(measurement.q, measurement.v)
         error = y - Y @ state.p
         p = state.p
@@ -341,6 +343,7 @@ def with_estimated_kinematics(measurement: Measurement, estimate: StateEvaluatio
         measurement: measurement of the robot.
         estimate: evaluation of the estimated model at the measured state.
     """
+    # The slip is relative to the true constraints, which nobody knows here.
     seen = measurement._replace(A_star=estimate.A_star, A_star_dot=estimate.A_star_dot, residual=None)
     if seen.input_deficit is None:
         return seen

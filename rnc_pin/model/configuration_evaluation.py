@@ -53,6 +53,7 @@ class ConfigurationEvaluation(SummaryMixin):
         arrays: ArraysAtQ | None = None,
     ) -> None:
         self._evaluator, self._data, self.q, self._same, self.t = evaluator, evaluator.data, q, same, t
+        # Of the same reduction, arrays and factors are equal; of another one, only the kinematics are.
         self._equal = same if same is not None and same._evaluator is evaluator else None
         if arrays is not None:
             self.arrays_at_q = arrays
@@ -82,9 +83,11 @@ class ConfigurationEvaluation(SummaryMixin):
         Raises:
             InputError: the rows of the constraints depend on time, and t is missing.
         """
+        # Without a time, rows that turn over time would silently be those of time zero.
         if t is None and evaluator.data.turning:
             raise no_time(evaluator.data)
         if q.ndim > 1:
+            # The kernel walks through states in memory.
             q = np.ascontiguousarray(q)
         q.setflags(write=False)
         return cls(evaluator, q, None, t)
@@ -229,6 +232,7 @@ class ConfigurationEvaluation(SummaryMixin):
         if (filled := self.arrays_at_q.H) is not None:
             return filled
         R = self.R
+        # Paper (2): v = R v2 has the kinetic energy v2^T R^T H* R v2 / 2.
         return product(R.mT, product(self.M, R))
 
     @cached_property
@@ -238,6 +242,7 @@ class ConfigurationEvaluation(SummaryMixin):
         data = self._data
         if self.factorization.kept is None:
             return data.constraints.rate(self.position)
+        # Other rows than the default form A at some states: mu has to be that of the same rows.
         return np.take_along_axis(data.rows.rate(self.position), self.kept_rows, axis=-1)
 
     @cached_property
@@ -245,6 +250,7 @@ class ConfigurationEvaluation(SummaryMixin):
         """Velocity at ``v2 = 0``: zero unless constraints are affine."""
         if not self._data.affine:
             return np.zeros((*self.batch, self._data.n))
+        # E v = [mu; v2] at v2 = 0.
         return apply(self.E_inverse[self._data.multiplied], self.mu)
 
     # ------------------------------------------------------------------ rows and regularity
@@ -297,6 +303,7 @@ class ConfigurationEvaluation(SummaryMixin):
         x1, x2 = self._values
         quasi = self._data.reducing.quasi
         if integrals is not None and self._data.reducing.has_quasi:
+            # The values are kept and read-only, as all quantities are.
             x2 = x2.copy()
             x2[..., quasi] = vector(integrals, self._data.r, "integrals")[..., quasi]
         return x1, x2
@@ -341,11 +348,13 @@ class ConfigurationEvaluation(SummaryMixin):
         data = self._data
         matrix = self.input_matrix
         if data.p == data.r:
+            # As many actuators as velocities: the inputs are unique unless the actuators depend on each other.
             inverted = inverse(matrix)
             # This bound on the amplification of rounding does not depend on the units of the inputs.
             amplified = 1e10
             if np.isfinite(inverted).all() and product(np.abs(matrix), np.abs(inverted)).max(initial=0.0) < amplified:
                 return apply(inverted, F)
+        # The pseudoinverse gives the inputs of least norm where there are more than necessary.
         left, values, right = np.linalg.svd(matrix, full_matrices=False)
         least = 1e-10  # share of the largest singular value up to which one counts as zero
         above = values > least * values.max(axis=-1, keepdims=True, initial=0.0)
@@ -361,6 +370,7 @@ class ConfigurationEvaluation(SummaryMixin):
 
     def _singularity(self, regular: Array) -> SingularityError | DivergenceError:
         """Error for the first state that is not regular."""
+        # One state explains the error: the first.
         first = np.unravel_index(int(np.argmin(regular)), regular.shape) if regular.ndim else ()
         finite = np.isfinite(self.E[first]).all(axis=1)
         if not finite.all():

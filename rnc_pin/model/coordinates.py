@@ -67,6 +67,7 @@ class Coordinates:
             if not set(triple) & set(chosen):
                 continue
             start = chosen.index(first) if first in chosen else -1
+            # A rotation vector without one of its entries is no rotation.
             if start < 0 or chosen[start : start + 3] != triple:
                 label = f"'{self.names[first].removesuffix('_x')}'" if self.names else f"at {first}"
                 raise ConfigurationError(f"the three components of orientation {label} have to stay together, in order")
@@ -124,6 +125,7 @@ class Coordinates:
         """
         goal = np.array(start + by)
         for triple in self._triples:
+            # A displacement in world axes multiplies from the left.
             goal[triple] = pin.log3(pin.exp3(by[triple]) @ pin.exp3(start[triple]))
         return goal
 
@@ -143,6 +145,7 @@ class Coordinates:
         for triple in self._triples:
             if not (velocity[triple].any() or acceleration[triple].any()):
                 continue
+            # w = J rdot and wdot = J rddot + Jdot rdot.
             J, J_dot = left_jacobian(position[triple], velocity[triple])
             acceleration[triple] = J @ acceleration[triple] + J_dot @ velocity[triple]
             velocity[triple] = J @ velocity[triple]
@@ -192,6 +195,7 @@ def arc_chord(turn: _Angle) -> tuple[_Angle, _Angle]:
     Args:
         turn: angle [rad].
     """
+    # NumPy's sinc has the factor pi; 1 - cos(x) = 2 sin^2(x / 2) keeps its digits near zero.
     return np.sinc(turn / np.pi), np.sin(turn / 2) * np.sinc(turn / (2 * np.pi))
 
 
@@ -201,6 +205,7 @@ def wrapped(angle: _Angle) -> _Angle:
     Args:
         angle: one angle, or any array [rad].
     """
+    # This way round pi stays pi, and -pi becomes pi.
     return np.pi - np.mod(np.pi - angle, 2 * np.pi)
 
 
@@ -359,6 +364,7 @@ class PlacementChart:
         center = self._center
         found = self._manifold.difference(np.broadcast_to(center, q.shape), q)
         for at, to in self._planar:
+            # Instead of the logarithm of SE(2): the plain displacement, along the axes at the centre.
             (c, s), shift = center[at + 2 : at + 4], q[:, at : at + 2] - center[at : at + 2]
             found[:, to : to + 2] = shift @ np.array([[c, -s], [s, c]])
         for at, to in self._free:
@@ -378,6 +384,7 @@ class PlacementChart:
             found = np.array([pin.dDifference(self._model, self._center, each)[1] for each in q]).reshape(n, nv, nv)
         for at, to in self._planar:
             c, s = self._center[at + 2 : at + 4]
+            # A tangent vector has its translation along the axes at q, which are turned against those at the centre.
             cosine, sine = q[:, at + 2] * c + q[:, at + 3] * s, q[:, at + 3] * c - q[:, at + 2] * s
             found[:, to : to + 2, to : to + 3] = 0.0
             found[:, to, to], found[:, to, to + 1] = cosine, -sine

@@ -97,15 +97,18 @@ class Evaluator:
         kernel, kinematics = self.kernel, None
         if kernel is None:
             return NOTHING_AT_Q
+        # Rows of a user are evaluated by Python, whatever fills the rest.
         position = at.position if kernel.python_rows else None
         if isinstance(known, CompiledArraysAtQ):
             kinematics = known.kinematics
+            # Another reduction with the same E, e.g. with other vertical outputs: nothing is left to fill.
             if known.kernel.data.has_rows_of(kernel.data):
                 return CompiledArraysAtQ(kernel, at.q, position, kinematics, known.inverse)
         external = concatenated(kernel.external, position, lambda block, now: block.jacobian(now), -2)
         batch = at.q.shape[:-1]
         record = empty_records(batch, kernel.kinematics) if kinematics is None else kinematics
         inverse = empty_records(batch, kernel.inverse)
+        # The kernel tests E as ``factorize`` does; it declines where other rows may have to be selected.
         if not kernel.calls.configure(at.q, record, inverse, external, kinematics is not None):
             return NOTHING_AT_Q
         return CompiledArraysAtQ(kernel, at.q, position, record, inverse)
@@ -128,6 +131,7 @@ class Evaluator:
         if v2 is not None:
             if v is not None:
                 raise InputError("at() takes v2 or v, not both")
+            # A copy: later changes of the caller's array must not change the evaluation.
             v2 = vector(v2, data.r, "v2", data.reducing.names).copy()
             q, v2 = broadcast_states(q, v2, "v2")
             return StateEvaluation.at(self, q, v2, t=t)
@@ -169,6 +173,7 @@ class Evaluator:
         """
         kernel = self.kernel
         if kernel is not None and kernel.measures:
+            # One call instead of one for each quantity: a tick of a controller needs them all.
             found, status = kernel.run_records(()), np.array([1.0])
             kernel.calls.measure(q, v, *found, status, False)
             if status[0]:
@@ -308,6 +313,7 @@ class Evaluator:
             t: time for constraints that depend on it [s].
         """
         kernel, data, n = self.kernel, self.data, self.data.n
+        # In the order in which an integrator has them: v, then the rates of its state.
         found = np.empty(n + data.r + data.vertical.size + 1 + data.rheonomic)
         if kernel is not None and kernel.calls.state_derivative(
             q, None, v2, T, external, damping, self._rates(t), found
@@ -325,6 +331,7 @@ class Evaluator:
         """
         if self.kernel is not None:
             calls, v, size = self.kernel.calls, np.empty(self.data.n), np.empty(1)
+            # The sum of squares of R is infinite where E is singular.
             calls.admissible_velocities((calls,), q, v2, self._rates(t), None, v, size)
             if size[0] < np.inf:
                 return v, size[0]
@@ -370,6 +377,7 @@ class Evaluator:
             return None
         rates = None
         if self.data.rheonomic and kernel.fused:
+            # Constraints over time need their right-hand side at the stages of each step: its start, middle and end.
             rates = kernel.rates_over_time((y[-2] + 0.5 * h * np.arange(2 * steps + 1)).tolist())
         q_end, y_end, status, rough = np.empty(q.shape), np.empty(y.shape), np.empty(1), np.empty(1)
         found = q_end, y_end, status, rough
@@ -400,6 +408,7 @@ class Evaluator:
         if feedback is not None:
             gains = np.ascontiguousarray(feedback.gains)
             planned, limits = np.hstack([feedback.q, feedback.w]), np.stack([feedback.lower, feedback.upper])
+        # Feedback reads the deviation on the manifold, which the kernel leaves to Pinocchio.
         difference = partial(pin.difference, self.data.robot.model)
         arrays = (gains, planned, limits, difference, np.empty_like(q), np.empty_like(q), found)
         if not kernel.calls.planned_motion(_FORMS.index(form), K, steps, h, q, w, np.ascontiguousarray(u), *arrays):
@@ -493,6 +502,7 @@ def evaluator_for(data: ReductionData, known: Evaluator | None = None) -> Evalua
     """
     if _kernel.library is _kernel.NUMPY_ALONE or not data.kinematics.axes_are_constant:
         return Evaluator(data)
+    # A chart of a run has the same varying rows as the model: it is not compared again at each recentring.
     compared = known is not None and known.kernel is not None and data.varies_as(known.data)
     try:
         found = Evaluator(data, ReductionKernel(data))
@@ -544,5 +554,6 @@ def _expected(data: ReductionData, at: VelocityKinematics) -> dict[str, Array]:
 
 
 def _relative(found: Array, expected: Array) -> float:
+    # Relative, unless the array vanishes to rounding.
     scale = max(float(np.abs(expected).max(initial=0.0)), 1e-3)
     return float(np.abs(found - expected).max(initial=0.0)) / scale

@@ -37,9 +37,11 @@ def factorize(data: ReductionData, position: PositionKinematics) -> Factorizatio
         position: kinematics at the configurations.
     """
     batch = position.q.shape[:-1]
+    # Constant rows are copied from the template, and only the others are evaluated.
     template = data.template
     E = np.array(np.broadcast_to(template, (*batch, *template.shape))) if batch else template.copy("F")
     data.stack.write_jacobian(position, E)
+    # A singular E gives infinities here and no error: the test below decides.
     E_inverse = inverse(E)
     if not batch:
         # The product of the Frobenius norms bounds the dependence of every row: one cheap test on the hot path.
@@ -48,8 +50,10 @@ def factorize(data: ReductionData, position: PositionKinematics) -> Factorizatio
             return Factorization(E, E_inverse, True)
     with np.errstate(invalid="ignore", over="ignore"):
         kept = None
+        # Many states, or one that fails the cheap test: the dependence of each row by itself.
         worst = dependences(E, E_inverse, data.lengths).max(axis=-1)
         if data.has_alternatives:
+            # Written so that NaN, of a row that is not finite, is in doubt too.
             doubtful = ~(worst**2 < data.fast_limit)
             kept = _reselect_rows(data, position, np.argwhere(doubtful), E, E_inverse)
             worst = dependences(E, E_inverse, row_lengths(data, kept, batch)).max(axis=-1)
@@ -114,6 +118,7 @@ def _reselect_rows(
         if kept is None:
             kept = np.array(np.broadcast_to(default, (*position.q.shape[:-1], data.m)))
         kept[i] = chosen
+        # The outputs stay, unless none was named: then the entries of v that suit the new rows best.
         rows, outputs = all_rows[i][chosen], E[i][data.m :]
         if data.free:
             outputs = np.eye(data.n)[best_entries(rows, data.r)]
@@ -128,6 +133,7 @@ def _best_rows(data: ReductionData, rows: Array) -> Int[Array, " m"] | None:
         return None
     natural = np.fmax(np.linalg.norm(rows, axis=-1), data.constraint_scales)
     natural = np.where(data.constraint_scales > 0, natural, np.inf)[:, None]  # rows of typical length 0 are rounding
+    # Pivoted QR of A^T takes the most independent rows first; rows count relative to their usual length.
     order, sizes = pivot_columns((rows / natural).T, data.m)
     dependent = 1e-8  # sine of the angle below which constraint rows count as dependent
     if data.m and not sizes[-1] > dependent:

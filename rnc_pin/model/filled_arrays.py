@@ -246,6 +246,7 @@ class KnownKinematics(PositionKinematics):
         return found if rows == ALL else found[rows]
 
     def _frame(self, frame: int) -> tuple[Placement, Array]:
+        # A row asks for the placement and the Jacobian of its frame in turn: one call computes both.
         known = self._frames.get(frame)
         if known is None:
             joint, own, support = self._at.frame_constants(frame)
@@ -254,6 +255,7 @@ class KnownKinematics(PositionKinematics):
             if not _kernel.library.frame_kinematics(record["J"], record["placements"][joint], own, support, numbers):
                 return super().placement(frame), super().jacobian(frame)
             numbers.setflags(write=False)
+            # The kernel stores a placement by columns: three axes, then the origin.
             columns = numbers[:12].reshape(4, 3)
             known = self._frames[frame] = Placement(columns[:3].T, columns[3]), numbers[12:].reshape(6, -1)
         return known
@@ -305,6 +307,7 @@ class CompiledArraysAtQ(ArraysAtQ):
         """Values x1 (..., k) and x2 (..., r)."""
         if self._output_values is not None:
             return self._output_values
+        # Values are in the order of the rows of E, reducing outputs first.
         values = np.empty((*self.batch, data.r + data.vertical.size))
         self._calls.values(self.q, self.kinematics, values)
         x2, x1 = values[..., : data.r], values[..., data.r :]
@@ -344,6 +347,7 @@ class CompiledArraysAtQ(ArraysAtQ):
     def allocated(self, F: Array) -> Array | None:
         """Actuator inputs (..., p) for reduced forces (..., r); None if NumPy has to decide."""
         data = self.kernel.data
+        # With more or fewer actuators than velocities, a pseudoinverse has to decide.
         if data.p != data.r or not self.kernel.has_inputs or F.shape[:-1] != self.batch:
             return None
         T = np.empty(F.shape)
@@ -357,6 +361,7 @@ class CompiledArraysAtQ(ArraysAtQ):
             return None
         rates = empty_records((len(along), *self.batch), self.kernel.rates)
         for j, record in zip(along, rates.reshape(len(along), -1), strict=True):
+            # A column of R is the velocity at which one reducing output moves at unit rate and the others rest.
             v = self.inverse["E_inverse"][..., data.m + j].copy()
             if not self._calls.rates(self.q, self.kinematics, self.inverse, v, None, None, None, record):
                 return None
@@ -425,6 +430,7 @@ class CompiledArraysAtV(ArraysAtV):
         """Sums of the passive forces; None if Python evaluates one of them."""
         if not self._kernel.fused:
             return None
+        # All forces, and those with a potential, whose work counts as energy.
         found = np.empty((*self._v.shape[:-1], 2, self._v.shape[-1]))
         if not self._calls.passive_forces(self.at_q.q, self.at_q.kinematics, self._v, found):
             return None
@@ -495,6 +501,7 @@ def concatenated(
     if not places:
         return None
     assert at is not None  # blocks of Python come with their kinematics
+    # A block may have rows that are not in the stack.
     selected = (place.of if axis == -1 else place.of_matrix for place in places)
     values = [select(of(place.block, at)) for select, place in zip(selected, places, strict=True)]
     return np.ascontiguousarray(np.concatenate(values, axis=axis), dtype=float)

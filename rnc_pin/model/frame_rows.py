@@ -212,6 +212,7 @@ class WrenchRows(Rows):
         Args:
             at: kinematics at configurations (..., nq).
         """
+        # Jacobian, rate and right-hand side of one state share the wrenches.
         known = at.wrenches.get(self)
         if known is None:
             self.check_defined(at)
@@ -232,11 +233,13 @@ class WrenchRows(Rows):
     def rate(self, at: PositionKinematics) -> np.ndarray:
         if self.twist is None:
             return self._zeros(at)
+        # W V = W G where the contact moves with the ground.
         return apply(self.wrenches(at), _carried(self.twist, at.placement(self.frame).translation))
 
     def rate_dot(self, at: VelocityKinematics) -> np.ndarray:
         if self.twist is None:
             return self._zeros(at)
+        # Product rule of W G.
         turned = apply(self._wrench_rates(at), _carried(self.twist, at.placement(self.frame).translation))
         return np.asarray(turned + apply(self.wrenches(at), _carried_rate(self.twist, at.velocity(self.frame))))
 
@@ -247,6 +250,7 @@ class WrenchRows(Rows):
     def _bias(self, place: Placement, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
         slip = velocity
         if self.twist is not None:
+            # d/dt W (V - G) = W (Vdot - Gdot) + Wdot (V - G); Vdot is that at zero vdot.
             slip = velocity - _carried(self.twist, place.translation)
             acceleration = acceleration - _carried_rate(self.twist, velocity)
         wrench, rate = self._combined(self.wrench(place)), self._combined(self.wrench_rate(place, velocity))
@@ -254,7 +258,10 @@ class WrenchRows(Rows):
 
     def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
         self.check_defined(at)
+        # The formula is analytic in the frame's place and motion, whose derivatives Pinocchio has: the complex step
+        # joins them exactly.
         motion, J, place = at.frame_gradients(self.frame), at.jacobian(self.frame), at.placement(self.frame)
+        # Rotating by a column w of the angular Jacobian changes each axis e of the frame by w x e.
         turned = np.cross(J[3:, None, :], place.rotation[:, :, None], axis=0)  # (3, 3, nv)
         return complex_step(
             lambda flat, origin, *motions: self._bias(Placement(flat.reshape(-1, 3, 3), origin), *motions),
@@ -267,6 +274,7 @@ class WrenchRows(Rows):
 
 def _carried(twist: np.ndarray, origin: np.ndarray) -> np.ndarray:
     """Velocity G (..., 6) of material with a twist (6,) at the frame's origin (..., 3)."""
+    # Rigid material: velocity at the world's origin, plus its rotation about that point.
     angular = np.broadcast_to(twist[3:], origin.shape)
     return np.concatenate([twist[:3] + vector_product(angular, origin), angular], axis=-1)
 
@@ -274,6 +282,7 @@ def _carried(twist: np.ndarray, origin: np.ndarray) -> np.ndarray:
 def _carried_rate(twist: np.ndarray, velocity: np.ndarray) -> np.ndarray:
     """Rate of G (..., 6) for a velocity of the frame (..., 6)."""
     linear = velocity[..., :3]
+    # The twist is constant: G changes because the frame moves through the field.
     moved = vector_product(np.broadcast_to(twist[3:], linear.shape), linear)
     return np.concatenate([moved, np.zeros_like(moved)], axis=-1)
 
@@ -328,6 +337,7 @@ class DirectionRows(WrenchRows):
         Args:
             rotation: axes of the frame as columns, in the world.
         """
+        # Numbers instead of arrays for one state: the formulas are plain arithmetic.
         columns = rotation @ self.directions
         return [components(columns[..., k]) for k in range(columns.shape[-1])]
 
@@ -336,6 +346,7 @@ class DirectionRows(WrenchRows):
 
     def wrench_rate(self, place: Placement, velocity: np.ndarray) -> np.ndarray:
         directions, turning = self.world_directions(place.rotation), components(velocity[..., 3:])
+        # A direction that the frame carries turns with it: ddot = omega x d.
         return rate_of(self.formula, directions, [cross(turning, each) for each in directions])
 
 
@@ -383,6 +394,7 @@ def rate_of(
         vectors: components of each vector.
         rates: components of their rates.
     """
+    # Dual numbers carry value and rate through the formula, so that no rate is written by hand.
     moving = [[Dual(*both) for both in zip(*each, strict=True)] for each in zip(vectors, rates, strict=True)]
     rows = [[entry.slope if isinstance(entry, Dual) else 0.0 for entry in row] for row in formula(*moving)]
     return packed(rows, vectors[0][0])

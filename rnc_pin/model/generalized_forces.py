@@ -130,6 +130,7 @@ class Actuation:
         self.configured = frozenset(column for column, *_ in self.frames)
 
     def _read_matrix(self, matrix: np.ndarray | MatrixFunction, robot: Robot) -> None:
+        # A function is called once here, so that its shape is known.
         constant = matrix(robot.configuration()) if callable(matrix) else matrix
         array = np.array(constant, dtype=float)  # the caller may change the matrix
         if array.ndim != 2 or array.shape[0] != robot.nv:
@@ -159,6 +160,7 @@ class Actuation:
                 places = [
                     robot.single_joint(name, "a differential drives those with one").idx_v for name in actuator.joints
                 ]
+                # The sum of the torques of the joints is the torque of the motor.
                 self._constant[places, column] = 1.0 / len(places)
                 self.limits[column] = actuator.limit
                 names.append(f"differential({', '.join(actuator.joints)})")
@@ -219,6 +221,7 @@ class Actuation:
         batch = at.q.shape[:-1]
         matrix = np.array(np.broadcast_to(self._constant, (*batch, *shape))) if batch else self._constant.copy()
         for column, frame, row in self.frames:
+            # Virtual work: a force along a row of the Jacobian acts on v as the transpose of that row.
             matrix[..., column] = at.jacobian(frame, OWN_AXES, slice(row, row + 1))[..., 0, :]
         return matrix
 
@@ -358,6 +361,7 @@ class PassiveForces:
 
     def kernel_forces(self) -> list[tuple[KernelRow, KernelForce]] | None:
         """Rows and laws of all forces for the compiled kernel; None if Python evaluates one of them."""
+        # One force of a user is enough: Python then evaluates all of them.
         found = [each.kernel_forces() for each in self._forces]
         known = [each for each in found if each is not None]
         return [pair for pairs in known for pair in pairs] if len(known) == len(found) else None

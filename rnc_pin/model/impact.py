@@ -112,6 +112,7 @@ def impact(
         if not isinstance(system, NonholonomicSystem):
             raise InputError(f"appearing: expected a NonholonomicSystem before the impact, found {system!r}")
         system = system.with_constraints(appearing, may_stop=True)
+    # Which velocities parametrise the motion does not matter: the jump is the same in all.
     reduced = system.reduce() if isinstance(system, NonholonomicSystem) else system
     reduced = reduced if t is None else reduced.frozen(t)
     state = _regular_state(reduced, q, v)
@@ -124,6 +125,7 @@ def impact(
     # Velocities are X A v + R w, with E^-1 = [X, R] in a reduction to entries w of v.
     X, R = state.E_inverse[:, : reduced.m], state.R
     fixed = apply(X, after[kept])
+    # R^T M (v+ - v-) = 0: impulses of the rows have no component along motions that the rows allow.
     w = solve_positive_definite(state.H, apply_transposed(R, apply(state.M, state.v - fixed)))
     v_after = fixed + apply(R, w)
     _check_dependent(rows, _sizes(state.all_rows, state.v), apply(state.all_rows, v_after), after)
@@ -189,6 +191,7 @@ def _regular_state(reduced: ReducedModel, q: ArrayInput, v: ArrayInput) -> State
     """State in a reduction that is regular wherever the constraints have full rank."""
     state = reduced.at(_one(q, "q"), v=_one(v, "v"))
     _check_assembled(reduced.assembly, state.q)
+    # The given outputs may be singular at q although the constraints are not.
     data = reduced.reduction_data.in_entries(best_entries(state.A, reduced.r), free=True)
     return state.in_reduction(evaluator_for(data, reduced.evaluator))
 
@@ -241,6 +244,7 @@ def _check_dependent(rows: RowStack, sizes: Array, rates: Array, wanted: Array) 
 def _shared(matrix: Array, conserved: Array, momentum: Array, rank: int) -> Array:
     """Impulses (k,) of least norm with ``matrix^T impulses = momentum``; zero for rows without reaction."""
     impulses = np.zeros(len(matrix))
+    # Dependent rows share an impulse in many ways; the pseudoinverse has the least.
     left, values, right = np.linalg.svd(matrix[~conserved].T, full_matrices=False)
     counted = (np.arange(len(values)) < rank) & (values > 1e-10 * values.max(initial=0.0))
     impulses[~conserved] = right[counted].T @ ((left[:, counted].T @ momentum) / values[counted])

@@ -78,10 +78,12 @@ def select_independent(
         RankError: the rank is not the same at every sample.
         ConstraintError: a dependent row requires a velocity that contradicts the others.
     """
+    # Entries of rounding would count as directions once rows have unit length.
     scale = np.abs(samples).max(initial=0.0)
     samples = np.where(np.abs(samples) > 1e-12 * scale, samples, 0.0)
     left = np.linalg.norm(samples, axis=-1).max(axis=0)
     lengths = np.zeros(len(names)) if lengths is None else lengths
+    # A row that is much shorter than its like is zero up to the rounding of a file's numbers.
     short = (left > 0) & (left < ROUNDING * lengths)
     matrices = unit_rows(np.where(short[:, None], 0.0, samples))
     exact, rough = ([_rank(matrix, limit) for matrix in matrices] for limit in (TOLERANCE, ROUNDING))
@@ -139,6 +141,7 @@ def _margin(matrices: np.ndarray, kept: Sequence[int], names: Sequence[str]) -> 
         return 1.0, []
     best = max((matrix[kept] for matrix in matrices), key=_smallest)
     left, values, _ = np.linalg.svd(best)
+    # The combination of rows that is nearest to zero names those to blame.
     weights = np.abs(left[:, -1])
     return float(values[-1]), [names[row] for row, w in zip(kept, weights, strict=True) if w > 0.1 * weights.max()]
 
@@ -173,6 +176,7 @@ def _check_consistent(
     samples: np.ndarray, rates: np.ndarray, kept: Sequence[int], names: Sequence[str], tolerance: float
 ) -> None:
     for matrix, mu in zip(samples, rates, strict=True):
+        # Some velocity that satisfies the kept rows: the others have to hold for it too.
         v = np.linalg.lstsq(matrix[kept], mu[kept], rcond=None)[0]
         gap = np.abs(matrix @ v - mu)
         row = int(np.argmax(gap))
@@ -200,6 +204,7 @@ def _dropped(row: int, kept: Sequence[int], matrices: np.ndarray, names: Sequenc
         return DroppedRow(names[row], "zero at every configuration")
     involved, rounding = set(), 0.0
     for matrix in matrices:
+        # The row as a combination of the kept ones, for the reason that users read.
         weights = np.linalg.lstsq(matrix[list(kept)].T, matrix[row], rcond=None)[0]
         involved |= {names[k] for k, weight in zip(kept, weights, strict=True) if abs(weight) > tolerance}
         rounding = max(rounding, float(np.linalg.norm(matrix[row] - weights @ matrix[list(kept)])))

@@ -180,6 +180,7 @@ def broadcast_states(q: np.ndarray, beside: np.ndarray, name: str) -> tuple[np.n
         batch = np.broadcast_shapes(beside.shape[:-1], q.shape[:-1])
     except ValueError:
         raise InputError(f"q of shape {q.shape} and {name} of shape {beside.shape} do not broadcast") from None
+    # The kernel walks through memory, which broadcast arrays do not have.
     wide = (np.ascontiguousarray(np.broadcast_to(each, (*batch, each.shape[-1]))) for each in (q, beside))
     return next(wide), next(wide)
 
@@ -237,6 +238,7 @@ def check_settings(settings: object) -> None:
     """
     for name, hint in get_type_hints(type(settings), include_extras=True).items():
         value, annotated = getattr(settings, name), [hint, *get_args(hint)]
+        # Bounds stand in the annotations, as ``Annotated[float, Gt(0)]``.
         marks = [mark for each in annotated for mark in getattr(each, "__metadata__", ())]
         bounds = [(*_BOUNDS[kind], getattr(mark, kind)) for mark in marks for kind in _BOUNDS if hasattr(mark, kind)]
         valid = value is None or not bounds or (is_number(value) and (int not in annotated or is_count(value)))

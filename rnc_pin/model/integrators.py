@@ -94,6 +94,7 @@ class ExponentialCoordinates:
         for where, adjoint in self._curved:
             ad, angle = adjoint(u[where])
             a, b = _coefficients(angle)
+            # Powers of ad act on the velocity one after the other: no matrix is multiplied by a matrix.
             once = ad.dot(v[where])
             twice = ad.dot(once)
             rate[where] += 0.5 * once + a * twice + b * ad.dot(ad.dot(twice))
@@ -122,9 +123,11 @@ def check_reach(u: Array, h: float) -> None:
 def _coefficients(angle: float) -> tuple[float, float]:
     square = angle * angle
     if angle < _SERIES_BELOW:
+        # Both series have even powers only.
         powers = square ** (_TERMS - 1)
         second, fourth = _series()
         return float(second.dot(powers)), float(fourth.dot(powers[:-1]))
+    # Closed forms of the coefficients, Bullo and Murray (1995), in half angles.
     half = 0.5 * angle
     alpha, beta = half / np.tan(half), (half / np.sin(half)) ** 2
     return (2 * (1 - alpha) + 0.5 * (alpha - beta)) / square, ((1 - alpha) + 0.5 * (alpha - beta)) / square**2
@@ -222,6 +225,7 @@ class LieRungeKutta4:
         Raises:
             DivergenceError: as ``step``.
         """
+        # Classical stages: the start, twice the middle, the end.
         slopes = [rate(q, y) if first is None else first]
         for fraction in (0.5, 0.5, 1.0):
             slope, y_slope = slopes[-1]
@@ -231,6 +235,8 @@ class LieRungeKutta4:
         u, by = (
             (h / 6) * (one + 2.0 * two + 2.0 * three + four) for one, two, three, four in zip(*slopes, strict=True)
         )
+        # Differences of the stages show what a step misses: where they agree, the rate is nearly constant or linear in
+        # time.
         one, two, three, four = (np.concatenate([slope, y_slope[:r]]) for slope, y_slope in slopes)
         largest = max(np.abs(three - two).max(initial=0.0), np.abs(one - two - three + four).max(initial=0.0))
         return pin.integrate(self._model, q, u), y + by, h * float(largest)
@@ -443,6 +449,7 @@ class AdaptiveIntegrator:
                 found = np.concatenate(self._coordinates.derivative(partial(self._rate, t), q, x[:nv], x[nv:]))
             return found
 
+        # Each chart begins at its own origin.
         x0 = np.concatenate([np.zeros(nv), y0])
         yield _block(times[:1], q, x0[nv:])
         solver = scipy.integrate.DOP853(

@@ -122,6 +122,7 @@ class Kinematics:
         if frame not in self._frames:
             of = self.model.frames[frame]
             support = np.zeros(self.nv)
+            # Only joints between the world and the frame move it: other columns of its Jacobian are zero.
             for joint in list(self.model.supports[of.parentJoint])[1:]:
                 start = self.model.joints[joint].idx_v
                 support[start : start + self.model.joints[joint].nv] = 1.0
@@ -201,12 +202,14 @@ class _Quantities:
         """Read a quantity from the data."""
         at, (read, arguments) = self._at, quantity
         if self._states[0].ndim > 1:
+            # A loop over states costs most in its updates: store now what the last states needed too.
             previous, at.requested[self._update] = at.requested[self._update], self._requested
             self._store({**previous, quantity: shape} if not self._values else {quantity: shape})
             return
         if at.current is not self:
             self._update(at, *self._states)
             at.current = self
+        # The functions copy what they read: the next state overwrites Pinocchio's memory.
         value = read(at, *arguments)
         value.setflags(write=False)
         self._values[quantity] = value
@@ -214,6 +217,7 @@ class _Quantities:
     def _store(self, shapes: dict[_Quantity, tuple[int, ...]]) -> None:
         """Store quantities of many states."""
         at, batch, pairs = self._at, self._states[0].shape[:-1], []
+        # After the loop the data are of the last state only, which nobody may take for one of its own.
         at.current, stored = None, {}
         for (read, arguments), shape in shapes.items():
             stored[read, arguments] = values = np.empty((*batch, *shape))
@@ -346,6 +350,7 @@ class VelocityKinematics(PositionKinematics):
     def momentum_gradient(self) -> np.ndarray:
         """Derivative of ``M v`` with respect to q at fixed v, (..., nv, nv)."""
         zero = np.zeros_like(self.v)
+        # With the velocity as acceleration, the inverse dynamics are M v + g*; the difference removes g*.
         return self._gradient(zero, self.v) - self._gradient(zero, zero)
 
     def _gradient(self, v: np.ndarray, w: np.ndarray) -> np.ndarray:
@@ -455,6 +460,7 @@ def _jacobian(at: Kinematics, frame: int, axes: pin.ReferenceFrame) -> np.ndarra
 
 
 def _center_of_mass(at: Kinematics) -> np.ndarray:
+    # Both are of one visit: side by side they are one quantity.
     jacobian = pin.jacobianCenterOfMass(at.model, at.data, False)
     return np.column_stack([at.data.com[0], jacobian])
 
@@ -468,6 +474,7 @@ _OF_CENTER = {
 
 def _linear(model: pin.Model, momentum: np.ndarray) -> np.ndarray:
     """Part (3, nv) of the velocity of the centre of mass in derivatives of the momentum."""
+    # Linear momentum is the mass times the velocity of the centre.
     return momentum.reshape(6, -1)[:3] / pin.computeTotalMass(model)
 
 
@@ -476,6 +483,8 @@ def _velocity(at: Kinematics, frame: int) -> np.ndarray:
 
 
 def _acceleration(at: Kinematics, frame: int, axes: pin.ReferenceFrame) -> np.ndarray:
+    # Along the axes of the world, the rate of the components is the acceleration of the point; along own axes, it is
+    # the spatial one.
     getter = pin.getFrameClassicalAcceleration if axes == WORLD_AXES else pin.getFrameAcceleration
     return getter(at.model, at.data, frame, axes).vector
 

@@ -187,6 +187,7 @@ class ReducedModel(SummaryMixin):
         _ = state.R
         parts = self._data.keeping(state.kept.tolist())
         if self._data.free:
+            # Rows of J2 are unit vectors then: each has its one at the entry that was selected.
             parts = parts.in_entries(np.argmax(state.J2, axis=1).tolist())
         return ReducedModel(evaluator_for(parts), self.assembly, self.dropped_rows)
 

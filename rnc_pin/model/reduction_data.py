@@ -147,6 +147,7 @@ class ReductionData:
             vertical: other vertical outputs; by default those of this reduction.
         """
         names = names or [f"w[{k}]" for k in range(self.r)]
+        # Constant rows cost nothing at a state: charts of the plant are such reductions.
         reducing = OutputStack([VelocityRows(W, names, [""] * self.r)])
         scales = np.concatenate([self.constraint_scales, np.ones(self.r)])
         vertical = self.vertical if vertical is None else vertical
@@ -256,6 +257,7 @@ def row_scales(robot: Robot, rows: RowStack, reducing: OutputStack, configuratio
         with suppress(SingularityError):  # some row is undefined at q
             found.append(np.linalg.norm(stack.jacobian(kinematics.position(q)), axis=-1))
     lengths = np.array(found) if found else np.zeros((1, stack.size))
+    # A row of rounding, e.g. out of the plane of a planar loop, must not count as a short one.
     lengths = np.where(lengths > 1e-12 * lengths.max(initial=0.0), lengths, 0.0)
     ordered, count = np.sort(lengths, axis=0), len(lengths)
     typical = (ordered[(count - 1) // 2] + ordered[count // 2]) / 2.0  # ``np.median`` would import ``numpy.ma``

@@ -52,6 +52,7 @@ class RowTable:
         parts = data.actuation.parts
         inputs = [] if parts is None else parts[1]
         self.columns = np.array([column for column, _, _ in inputs], dtype=np.int64)
+        # A force along an own axis of a frame is a wrench on it, as that of a constraint row.
         forces = [KernelRow(Form.OWN, (attached(self._model, frame),), (), np.eye(6)[row]) for _, frame, row in inputs]
         passive = data.forces.kernel_forces()
         self.fused = parts is not None and not self.external and passive is not None
@@ -78,6 +79,7 @@ class RowTable:
             integers[7], integers[6] = row.value
             integers[3 : 3 + len(row.integers)], numbers[: len(row.numbers)] = row.integers, row.numbers
             for place, frame in enumerate(row.frames):
+                # Rows of one wheel share its frame: the kernel computes its Jacobian once.
                 key = frame.joint, np.array(frame.placement.homogeneous).tobytes()
                 if key not in known:
                     known[key] = len(self.frames)
@@ -134,6 +136,7 @@ class _Workspace:
     def __init__(self, robot: Robot) -> None:
         model, n, joints = robot.model, robot.nv, robot.model.njoints
         pinocchio = model.createData()
+        # Columns of a joint's Jacobian that are not zero; the kernel skips the others.
         moved = [_entries(model, joint) for joint in range(joints)]
         q, v, acceleration = robot.configuration(), np.zeros(n), np.zeros(n)
         self.views = (
@@ -169,6 +172,7 @@ class _Workspace:
 
 def _workspace(data: ReductionData) -> _Workspace:
     kinematics = data.kinematics
+    # Views of Pinocchio's memory take as long to make as the rest of a kernel: reductions of one system share them.
     if not isinstance(kinematics.kernel_workspace, _Workspace):
         kinematics.kernel_workspace = _Workspace(data.robot)
     assert isinstance(kinematics.kernel_workspace, _Workspace)
@@ -239,6 +243,7 @@ def _entries(model: pin.Model, joint: int) -> list[int]:
 
 def _view(array: Array, shape: tuple[int, ...]) -> Array:
     """Pinocchio's memory in a shape; Pinocchio returns matrices with one column as vectors."""
+    # The kernel reads addresses: a copy would never change with the state.
     view = array.reshape(shape, order="F")
     if not np.shares_memory(view, array):
         raise ValueError("Pinocchio's matrices are not stored by columns")
@@ -251,6 +256,7 @@ def _placements(data: pin.Data, joints: int) -> Array:
     for joint in range(joints):
         place = data.oMi[joint]
         rotation, translation = place.rotation, place.translation
+        # Twelve doubles each, one after the other: rotation by columns, then translation.
         where = first.ctypes.data + 96 * joint
         if rotation.strides != (8, 24) or (rotation.ctypes.data, translation.ctypes.data) != (where, where + 72):
             raise ValueError("Pinocchio's placements are not stored one after the other")
@@ -358,6 +364,7 @@ class ReductionKernel:
         """
         if t is None or not self._table.driven:
             return None
+        # One time for all states is evaluated once.
         rates = self.rates_over_time(np.ravel(t).tolist()).reshape(*np.shape(t), -1)
         return np.ascontiguousarray(np.broadcast_to(rates, (*batch, rates.shape[-1])))
 

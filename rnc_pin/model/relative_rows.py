@@ -74,7 +74,9 @@ class RelativeKinematics(VelocityKinematics):
         at, carrier = self._in_motion, self._carrier
         velocity, carried = at.velocity(frame), at.velocity(carrier)
         rate = self._relative(frame, at.jacobian_dot(frame), at.jacobian_dot(carrier))
+        # The arm d from the carrier to the frame changes by their relative velocity.
         rate[..., :3, :] += cross_columns(velocity[..., :3] - carried[..., :3], at.jacobian(carrier)[..., 3:, :])
+        # Components are along axes that turn with the carrier: their rate loses the turning of the axes.
         rate -= _turned(carried[..., 3:], self._relative(frame, at.jacobian(frame)))
         return self._along(rate)
 
@@ -82,6 +84,7 @@ class RelativeKinematics(VelocityKinematics):
         """Columns (..., 6, k) of a frame less those of the carrier at the frame's origin, in world axes."""
         carried = self._original.jacobian(self._carrier) if of_carrier is None else of_carrier
         found = columns - carried
+        # The carrier at the frame's origin moves by v + omega x d, and -omega x d = d x omega.
         found[..., :3, :] += cross_columns(self._offset(frame), carried[..., 3:, :])
         return np.asarray(found)
 
@@ -103,6 +106,7 @@ class RelativeKinematics(VelocityKinematics):
 
     def frame_gradients(self, frame: int) -> FrameDerivatives:
         at, carrier, rotation = self._in_motion, self._carrier, self._place.rotation
+        # The relative motion is a formula of both motions: the complex step joins their exact derivatives.
         J, J_carrier = at.jacobian(frame), at.jacobian(carrier)
         turned = np.cross(J_carrier[3:, None, :], rotation[:, :, None], axis=0)  # (3, 3, nv)
         motions = []
@@ -132,6 +136,7 @@ def _check_axes(axes: pin.ReferenceFrame) -> None:
 def _relative_velocity(turn: Array, d: Array, velocity: Array, carried: Array) -> Array:
     """Velocity (..., 6) of a frame relative to a carrier with the axes ``turn`` (..., 3, 3), along these."""
     relative = velocity - carried
+    # Coriolis: v_rel = v - (v_c + omega_c x d).
     linear = relative[..., :3] - vector_product(carried[..., 3:], d)
     return np.concatenate([apply_transposed(turn, linear), apply_transposed(turn, relative[..., 3:])], axis=-1)
 
@@ -141,6 +146,7 @@ def _relative_acceleration(
 ) -> Array:
     """Rate (..., 6) of ``_relative_velocity``."""
     apart, relative, spin = velocity - carried, acceleration - carrier_acceleration, carried[..., 3:]
+    # Coriolis and centripetal terms, 2 omega x v_rel + omega x (omega x d), in terms of v - v_c.
     moved = vector_product(spin, 2 * apart[..., :3] - vector_product(spin, d))
     linear = relative[..., :3] - vector_product(carrier_acceleration[..., 3:], d) - moved
     angular = relative[..., 3:] - vector_product(spin, apart[..., 3:])
@@ -194,6 +200,7 @@ class RelativeRows(Rows):
         rows = self._rows.kernel_rows(model)
         if rows is None or any(row.form < Form.WORLD or len(row.frames) > 1 or any(row.integers[1:2]) for row in rows):
             return None
+        # A value would be in the world, not relative to the carrier: Python evaluates it.
         carrier = attached(model, self._carrier)
         return [row._replace(frames=(*row.frames, carrier), value=(Value.NONE, 0)) for row in rows]
 
@@ -251,6 +258,7 @@ class CouplingRow(ConstantRows):
         if self._driver is not None:
             gap = gap - self.ratio * self._driver.position(at.q)
         if self._period:
+            # Whole turns of continuous joints are unknown: the nearest ones count.
             gap = gap - self._period * np.round(gap / self._period)
         return gap[..., None]
 
@@ -272,6 +280,7 @@ def mimic_rows(robot: Robot, blocks: Sequence[Rows]) -> list[CouplingRow]:
     for mimic in robot.mimics:
         row = mimic_row(robot, mimic)
         if row and not any(row.joint == other.joint or row.pair == other.pair for other in given):
+            # A file may list a mimic joint twice.
             rows.setdefault(row.names[0], row)
     return list(rows.values())
 
@@ -314,6 +323,7 @@ def is_loose(row: Array, samples: Array) -> bool:
         samples: constraint rows (samples, m, nv).
     """
     for matrix in samples:
+        # What the other rows leave of it is a motion that they allow.
         rest = row - np.linalg.lstsq(matrix.T, row, rcond=None)[0] @ matrix
         if np.linalg.norm(rest) > 1e-6 * np.linalg.norm(row):
             return True

@@ -334,11 +334,13 @@ def check_defined(what: str, q: np.ndarray, sizes: Component, limit: float, name
     """
     if smallest(sizes) >= limit:
         return
+    # Name the first state that fails; ``not >=`` finds NaN as well.
     flat = np.broadcast_to(sizes, q.shape[:-1]).reshape(-1)
     first = int(np.argmax(~(flat >= limit)))
     if np.isnan(flat[first]):
         return  # a configuration that is not finite raises another error
     state = q.reshape(-1, q.shape[-1])[first].copy()
+    # The condition grows as one over the length.
     raise SingularityError(what, q=state, condition=1 / max(float(flat[first]), 1e-300), rows=names)
 
 
@@ -436,6 +438,7 @@ class RowStack:
         start = first = 0
         for block in blocks:
             size = len(block.names)
+            # Indices count rows of all blocks: those of this block begin at its first row.
             chosen = range(size) if kept is None else [row - first for row in kept if first <= row < first + size]
             if len(chosen):
                 where = slice(start, start + len(chosen))
@@ -465,6 +468,7 @@ class RowStack:
             kept: indices of the rows, increasing.
         """
         if kept not in self._selected:
+            # One object for each choice, so that reductions with the same rows find that out by identity.
             self._selected[kept] = RowStack([place.block for place in self.places], kept)
         return self._selected[kept]
 
@@ -486,6 +490,7 @@ class RowStack:
             nv: number of columns.
         """
         if self._constant is None:
+            # By columns, as LAPACK stores matrices: E is a copy of it, without a transposition.
             self._constant = np.zeros((self.size, nv), order="F")
             for place in self.places:
                 if isinstance(place.block, ConstantRows):
@@ -567,6 +572,7 @@ class RowStack:
         Args:
             at: kinematics at configurations (..., nq).
         """
+        # Rows that act on no point keep NaN, which drawings leave out.
         points, directions = np.full((2, *at.q.shape[:-1], self.size, 3), np.nan)
         for place in self.places:
             lines = place.block.lines_of_action(at)
@@ -593,6 +599,7 @@ class OutputStack(RowStack):
         self.has_quasi = bool(self.quasi.any())
         self._values = [(block, where) for block, where, _ in self.places if isinstance(block, OutputRows)]
         self._generalized = any(block.generalized for block in blocks)
+        # Three entries of a rotation belong together in differences and rates.
         rotations = [where.start for block, where in self._values if block.rotation]
         self.coordinates = Coordinates(self.angular, rotations, self.names)
 
@@ -615,6 +622,7 @@ class OutputStack(RowStack):
             matrices: rows (..., size, n).
         """
         if self._generalized:
+            # A value and its rows of A_star and its rate, side by side: one test for all.
             values = np.concatenate([value[..., None], *matrices], axis=-1)
             finite = np.isfinite(values).all(axis=-1) | self.quasi
             if not finite.all():

@@ -67,6 +67,7 @@ class StateEvaluation(ConfigurationEvaluation):
         motion: VelocityKinematics | None = None,
         arrays: ArraysAtV | None = None,
     ) -> None:
+        # Of another state at the same configurations, only what depends on q may be used.
         self.configuration: ConfigurationEvaluation = (
             configuration.configuration if isinstance(configuration, StateEvaluation) else configuration
         )
@@ -136,11 +137,13 @@ class StateEvaluation(ConfigurationEvaluation):
     @cached_property
     def v2(self) -> Float[Array, "*batch r"]:
         """Rates of the reducing outputs."""
+        # E v begins with the rates of the constraint rows; J2 v follows them.
         return np.ascontiguousarray(self.row_velocities[..., self._data.m :]) if self._v2 is None else self._v2
 
     @cached_property
     def v(self) -> Float[Array, "*batch nv"]:
         """Full velocity: ``R v2 + b``, or the measured one."""
+        # A measured velocity is kept as it is: its slip is the residual of the constraints.
         return self.velocity(self.v2) if self._v is None else self._v
 
     @cached_property
@@ -170,6 +173,7 @@ class StateEvaluation(ConfigurationEvaluation):
         data = self._data
         if self.factorization.kept is None:
             return data.stack.bias_acceleration(self.motion)
+        # Where other rows than the default form A, their biases have to be those of the same rows.
         chosen = np.take_along_axis(data.rows.bias_acceleration(self.motion), self.kept_rows, axis=-1)
         return np.concatenate([chosen, data.reducing.bias_acceleration(self.motion)], axis=-1)
 
@@ -177,6 +181,7 @@ class StateEvaluation(ConfigurationEvaluation):
     def residual(self) -> Float[Array, "*batch m"]:
         """Constraint residual ``A v - mu`` of the velocity."""
         residual = self.row_velocities[..., : self._data.m]
+        # Rows on moving ground hold where they move with it, A v = mu.
         return residual - self.mu if self._data.affine else residual
 
     @cached_property
@@ -208,6 +213,7 @@ class StateEvaluation(ConfigurationEvaluation):
         """Rate ``-E^-1 Edot R`` of R."""
         if (filled := self.arrays_at_v.R_dot) is not None:
             return filled
+        # E R = [0; I] is constant, so Edot R + E Rdot = 0. Paper (3).
         return -product(self.E_inverse, product(self.E_dot, self.R))
 
     @cached_property
@@ -222,6 +228,7 @@ class StateEvaluation(ConfigurationEvaluation):
         """Kinematics of the vertical outputs, ``x1dot = A_star v2 + J1 b``."""
         if (filled := self.arrays_at_v.A_star) is not None:
             return filled
+        # J1 R follows from q alone: the evaluation at q has it, for all velocities.
         return super().A_star
 
     @cached_property
@@ -231,6 +238,7 @@ class StateEvaluation(ConfigurationEvaluation):
             return filled
         if not self.J1.shape[-2]:
             return self.A_star  # without outputs, no rate is needed, which may be unknown
+        # Product rule of A_star = J1 R, paper (3a).
         return self.J1_dot @ self.R + self.J1 @ self.R_dot
 
     @cached_property
@@ -239,6 +247,7 @@ class StateEvaluation(ConfigurationEvaluation):
         data = self._data
         if not data.affine:
             return np.zeros_like(self.b)
+        # The derivative of E b = [mu; 0], solved for bdot.
         mu_dot = np.take_along_axis(data.rows.rate_dot(self.motion), self.kept_rows, axis=-1)
         return apply(self.E_inverse[data.multiplied], mu_dot) - apply(self.E_inverse, apply(self.E_dot, self.b))
 
@@ -259,10 +268,12 @@ class StateEvaluation(ConfigurationEvaluation):
         if integrals is None and self._data.reducing.has_quasi:
             x2 = x2.copy()
             x2[..., self._data.reducing.quasi] = np.nan
+        # A user's output may return NaN: name it here, before a controller computes with it.
         self._data.vertical.check(x1, self.A_star, self.A_star_dot)
         self._data.reducing.check(x2)
         offset = offset_dot = None
         if self._data.affine:
+            # x1dot = J1 (R v2 + b): ground that moves carries the vertical outputs along at v2 = 0.
             offset = apply(self.J1, self.b)
             offset_dot = apply(self.J1_dot, self.b) + apply(self.J1, self.b_dot)
         fields = self.q, self.v, self.v2, x1, x2, self.v1, self.A_star, self.A_star_dot, offset, offset_dot
@@ -303,12 +314,15 @@ class StateEvaluation(ConfigurationEvaluation):
     def g(self) -> Float[Array, "*batch nv"]:
         """Gravity forces g* before reduction, minus passive forces."""
         if self._data.kinematics.axes_are_constant:
+            # Nonlinear effects are C* v + g*.
             return self.bias - apply(self.C, self.v)
+        # C* is unknown where the axes of joints move in their bodies: at rest, only g* is left.
         return self.position.with_velocity(np.zeros_like(self.v)).bias - self.passive_force
 
     @cached_property
     def V(self) -> Float[Array, "*batch r r"]:
         """Reduced Coriolis matrix, with ``Hdot = V + V^T``."""
+        # With vdot = R v2dot + Rdot v2, the terms linear in v2 of R^T (H* vdot + C* v). Paper (7).
         return self.R.mT @ (self.M @ self.R_dot + self.C @ self.R)
 
     @cached_property
@@ -316,6 +330,7 @@ class StateEvaluation(ConfigurationEvaluation):
         """Reduced gravity forces; affine constraints add forces of the motion b: ``R^T (g* + H* b_dot + C* b)``."""
         g = self.g
         if self._data.affine:
+            # At v2 = 0 the robot still moves with b: its inertia and Coriolis forces are part of G.
             g = g + apply(self.M, self.b_dot) + apply(self.C, self.b)
         return apply_transposed(self.R, g)
 
@@ -330,10 +345,12 @@ class StateEvaluation(ConfigurationEvaluation):
         force = self._force(vector(T, self._data.p, "T", self._data.actuation.names), damping)
         if external is not None:
             force = force + external
+        # Passive forces are added there, and once only.
         v2_dot = self.accelerated(force)
         applied = force
         if self._data.forces:  # those with a potential count as energy
             force = force + self.passive_sums.without_potential
+        # Forces of constraints that do not move do no work: the other forces change the energy.
         power = self.v.dot(force) if force.ndim == 1 else np.vecdot(self.v, force)
         if self._data.affine:  # moving constraints do work
             power = power - np.vecdot(self.mu, self._multipliers(applied, v2_dot))
@@ -352,6 +369,7 @@ class StateEvaluation(ConfigurationEvaluation):
         """Reduced accelerations that unit inputs add, and those without inputs, at one state."""
         if not self._data.forces and (filled := self.arrays_at_v.input_accelerations(self.B)) is not None:
             return filled
+        # One factorization of H serves all columns: inputs one by one, then no input.
         right = np.column_stack([self.input_matrix, self.unforced @ self.R])
         if (solved := solve_positive_definite_columns(self.H, right)) is None:
             raise DivergenceError("reduced acceleration is not finite: H is not positive definite")
@@ -363,6 +381,7 @@ class StateEvaluation(ConfigurationEvaluation):
         Args:
             v2_dot: reduced accelerations (..., r) [rad/s^2 or m/s^2].
         """
+        # E vdot = [0; v2dot] - gamma, and the last columns of E^-1 are R.
         return apply(self.R, v2_dot) - self.E_inverse_gamma
 
     @cached_property
@@ -390,6 +409,7 @@ class StateEvaluation(ConfigurationEvaluation):
         """Forces ``H* E^-1 gamma - (C* v + g*)``: ``unforced`` without passive forces."""
         if (filled := self.arrays_at_v.motion_force) is not None:
             return filled
+        # Forces of the motion at v2dot = 0, where vdot = -E^-1 gamma.
         return apply(self.M, self.E_inverse_gamma) - self.nonlinear_effects
 
     def accelerated(self, force: Array) -> Float[Array, "*batch r"]:
@@ -398,10 +418,12 @@ class StateEvaluation(ConfigurationEvaluation):
         Args:
             force: generalized forces (..., nv) in addition to passive ones [N or N m].
         """
+        # The kernel counts passive forces as inputs; the formula has them in ``unforced``.
         acting = force + self.passive_force if self._data.forces else force
         if (filled := self.arrays_at_v.accelerated(acting)) is not None:
             return filled
         free = force + self.unforced
+        # R^T cancels the constraint forces A^T lambda, because A R = 0. Paper (6).
         v2_dot = solve_positive_definite(self.H, apply_transposed(self.R, free))
         with np.errstate(over="ignore", invalid="ignore"):  # near the largest number, the sum overflows first
             finite = np.isfinite(v2_dot.sum(axis=-1)).all()
@@ -428,6 +450,7 @@ class StateEvaluation(ConfigurationEvaluation):
             v2_dot: reduced accelerations (..., r) [rad/s^2 or m/s^2].
         """
         acceleration = self.v_dot(vector(v2_dot, self._data.r, "v2_dot"))
+        # The same as H v2dot + V v2 + G, without the matrices H and V.
         return apply_transposed(self.R, apply(self.M, acceleration) + self.bias)
 
     def regressor(self, v2_dot: ArrayInput) -> ReducedRegressor:
@@ -441,10 +464,12 @@ class StateEvaluation(ConfigurationEvaluation):
         v_dot = self.v_dot(vector(v2_dot, self._data.r, "v2_dot"))
         batch = v_dot.shape[:-1]
         q, v = np.broadcast_to(self.q, (*batch, model.nq)), np.broadcast_to(self.v, (*batch, model.nv))
+        # Ten parameters of each body: the first of Pinocchio's joints is the world, without a body.
         torques = np.empty((*batch, model.nv, 10 * (model.njoints - 1)))
         for k in np.ndindex(batch):
             torques[k] = pin.computeJointTorqueRegressor(model, data, q[k], v[k], v_dot[k])
         driven = np.flatnonzero(model.armature)
+        # A motor inertia acts on its own joint only, by its acceleration.
         motors = np.eye(model.nv)[:, driven] * v_dot[..., None, driven]
         bodies = [f"{each} of {joint}" for joint in list(model.names)[1:] for each in _INERTIAL]
         values = [each.toDynamicParameters() for each in list(model.inertias)[1:]]

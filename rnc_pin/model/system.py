@@ -106,6 +106,7 @@ class NonholonomicSystem(SummaryMixin):
         self.assembly = Assembly(robot, blocks)
         coupled = [name for block in blocks[len(self.kinds) :] for name in block.names]
         try:
+            # The rank of the rows is that of assembled configurations: elsewhere loops are open.
             samples, found = self._selected(coupled)
         except independence.RankError:  # the rank counts where the robot can be, and not upside down
             if base_of(robot.model) == "free" and (flat := flat_links(robot.model)):
@@ -121,6 +122,7 @@ class NonholonomicSystem(SummaryMixin):
         self.nearly_dependent_rows = tuple(found.weak) if found.margin < _THIN else ()
         merged = {row.name: row.rounding for row in self.dropped_rows if row.rounding}
         if merged:
+            # Now that dependent rows are known, the projection leaves them to the independent ones.
             self.assembly = Assembly(robot, blocks, merged)
         self.constraints = RowStack(blocks, self.kept)
         self.n, self.m, self.p = robot.nv, self.constraints.size, self.actuation.size
@@ -244,11 +246,13 @@ class NonholonomicSystem(SummaryMixin):
         for q in self._samples:
             with suppress(SingularityError):
                 A = self.constraints.jacobian(kinematics.position(q))
+                # Any basis will do: how well entries parametrise it depends on the space only.
                 bases.append((A, null_space(A)))
 
         def worst(entries: list[int]) -> float:
             return min(float(np.linalg.svd(basis[entries], compute_uv=False)[-1]) for _, basis in bases)
 
+        # Each sample proposes the entries that are best there; the sample where they are worst decides.
         best = max((best_entries(A, self.r) for A, _ in bases), key=worst)
         names, units = self.robot.velocity_names, self.robot.velocity_units
         rows = VelocityRows(np.eye(self.n)[best], [names[k] for k in best], [units[k] for k in best])

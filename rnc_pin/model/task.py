@@ -78,6 +78,7 @@ class SelectedOutputs:
             for first in kinds.rotations:
                 triple = slice(place.start + first, place.start + first + 3)
                 for state in np.ndindex(J.shape[:-2]):
+                    # The logarithm of a rotation does not change at its angular velocity, but by Jlog times it.
                     J[(*state, triple)] = pin.Jlog3(pin.exp3(error[(*state, triple)])) @ J[(*state, triple)]
         return J
 
@@ -262,6 +263,7 @@ class Task(ReprMixin):
         columns = {name: _position(name, x2.names, "reducing") for name in (*primary, *redundant)}
         if len(columns) < len(primary) + len(redundant):
             raise ConfigurationError("duplicate output in primary and redundant")
+        # Each reducing output belongs to one part: what is left out would move at will.
         left = [name for name in x2.names if name not in columns]
         if left:
             raise ConfigurationError(f"reducing output '{left[0]}' is neither primary nor redundant")
