@@ -112,7 +112,7 @@ def brief(monkeypatch):
     """Drafts are tried out for a moment, and motions are checked at few places."""
     monkeypatch.setattr("rnc_pin.applications.init.scenario_candidate._PATIENCE", 0.0)
     monkeypatch.setattr("rnc_pin.applications.init.scenario_candidate._SHORT", 0.02)  # [s]
-    monkeypatch.setattr("rnc_pin.applications.scenario.controllers.context._ROLLOUT_STEP", 0.25)  # [s]
+    monkeypatch.setattr("rnc_pin.applications.scenario.controllers.base._ROLLOUT_STEP", 0.25)  # [s]
 
 
 @pytest.fixture(scope="module")

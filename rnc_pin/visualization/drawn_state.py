@@ -9,6 +9,7 @@ from typing import Annotated, Literal, NamedTuple, get_args
 
 import numpy as np
 from annotated_types import Len
+from numpy.typing import ArrayLike
 
 from rnc_pin.collision import Obstacle
 from rnc_pin.errors import ConfigurationError, nearest
@@ -144,6 +145,14 @@ class DrawnState(NamedTuple):
     others: tuple[np.ndarray, ...] = ()
     """Configurations (nq,) of the compared runs."""
 
+    def desired(self, kind: str) -> np.ndarray:
+        """Desired values of the outputs "x1" or "x2".
+
+        Args:
+            kind: "x1" or "x2".
+        """
+        return self.x1_desired if kind == "x1" else self.x2_desired
+
 
 def output_error(outputs: OutputNames, state: DrawnState, kind: str) -> np.ndarray:
     """Desired minus actual values of the outputs "x1" or "x2" at a state.
@@ -153,7 +162,8 @@ def output_error(outputs: OutputNames, state: DrawnState, kind: str) -> np.ndarr
         state: the state.
         kind: "x1" or "x2".
     """
-    return outputs.of(kind).coordinates.difference(getattr(state, f"{kind}_desired"), getattr(state, kind))
+    actual = state.x1 if kind == "x1" else state.x2
+    return outputs.of(kind).coordinates.difference(state.desired(kind), actual)
 
 
 def tracked_frames(outputs: OutputNames, goals: Sequence[str], robot: Robot) -> dict[str, dict[int, tuple[str, int]]]:
@@ -214,8 +224,7 @@ def live_state(reduced: ReducedModel, sample: Sample) -> DrawnState:
         measurement = state.measure()  # without integrals: the values of quasi-velocity outputs are NaN
     known = np.isfinite(sample.T).all()
 
-    def goal(name: str, size: int) -> np.ndarray:
-        value = getattr(command, name)
+    def goal(value: ArrayLike | None, size: int) -> np.ndarray:
         return np.full(size, np.nan) if value is None else np.asarray(value, dtype=float)
 
     return DrawnState(
@@ -224,8 +233,8 @@ def live_state(reduced: ReducedModel, sample: Sample) -> DrawnState:
         v2,
         measurement.x1,
         measurement.x2,
-        goal("x1_desired", reduced.vertical.size),
-        goal("x2_desired", reduced.r),
+        goal(command.x1_desired, reduced.vertical.size),
+        goal(command.x2_desired, reduced.r),
         state.multipliers(sample.T) if known else np.full(reduced.m, np.nan),
         float(state.smallest_singular_value),
     )

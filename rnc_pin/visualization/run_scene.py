@@ -187,7 +187,7 @@ class RunScene:
             matrix = np.eye(4)
             matrix[:3, :3], matrix[:3, 3] = turned(state), actual(state).translation
             for axis, (kind, column) in columns.items():
-                value = getattr(state, f"{kind}_desired")[column]
+                value = state.desired(kind)[column]
                 # NaN where a controller tells no target: the frame shows its own coordinate there.
                 if np.isfinite(value):
                     matrix[axis, 3] = value
@@ -216,7 +216,8 @@ class RunScene:
                     found.append(e.Trail(line, frame, _origin(pose), 0.8 * self._width, self._piece))
                 found.append(e.Triad(goal, frame, pose, 0.16 * self.size))
                 continue
-            wanted = {axis: getattr(run, f"{kind}_desired")[:, column] for axis, (kind, column) in columns.items()}
+            desired = {"x1": run.x1_desired, "x2": run.x2_desired}
+            wanted = {axis: desired[kind][:, column] for axis, (kind, column) in columns.items()}
             # A page holds each point of a path: a few hundred look smooth.
             every = slice(None, None, max(1, len(run.time) // 400))
             points = self.kinematics.path(frame, run.q[every])
@@ -332,7 +333,7 @@ def _attitude(kind: str, first: int, size: int) -> Callable[[DrawnState], np.nda
     """Axes (3, 3) from a desired rotation vector (size 3) or a desired heading (size 1)."""
 
     def axes(state: DrawnState) -> np.ndarray:
-        value = getattr(state, f"{kind}_desired")[first : first + size]
+        value = state.desired(kind)[first : first + size]
         if not np.isfinite(value).all():
             return np.eye(3)
         return np.asarray(pin.exp3(value if size == 3 else np.array([0.0, 0.0, value[0]])))

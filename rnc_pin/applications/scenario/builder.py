@@ -12,9 +12,10 @@ import numpy as np
 
 from rnc_pin.analysis import Grip
 from rnc_pin.applications.scenario.controllers import ControllerContext
-from rnc_pin.applications.scenario.controllers.context import TaskGoals, reduced_velocity
+from rnc_pin.applications.scenario.controllers.base import reduced_velocity
 from rnc_pin.applications.scenario.controllers.feedback import check_output_names
 from rnc_pin.applications.scenario.controllers.tracking import VelocityTrackerSettings
+from rnc_pin.applications.scenario.controllers.whole_body import TaskGoals
 from rnc_pin.applications.scenario.plan_builder import Plans, Start, plan_path, planned_path, task_references
 from rnc_pin.applications.scenario.plant_builder import build_plant, start_findings, warnings_of
 from rnc_pin.applications.scenario.schema import ScenarioFile, SimulationSettings
@@ -239,14 +240,13 @@ def _grip(scenario: ScenarioFile, reduced: ReducedModel) -> Grip | None:
 
 def _later_ends(scenario: ScenarioFile, context: ControllerContext) -> dict[str, float]:
     """Values at which references or the plan end after the run, by output."""
-    task, found, duration = context.task, dict[str, float](), context.simulation.seconds
+    found, duration = dict[str, float](), context.simulation.seconds
     if context.plan is not None and scenario.planner is not None and duration < context.plan.duration:
         found |= scenario.planner.goal
-    for role in ("primary", "redundant", "vertical"):
-        reference: Reference = getattr(context, role)
+    for reference, outputs in context.references.values():
         if duration < reference.duration < np.inf:
             ends = reference.at(reference.duration).position.tolist()
-            found |= zip(getattr(task, f"{role}_names"), ends, strict=True)
+            found |= zip(outputs, ends, strict=True)
     return found
 
 

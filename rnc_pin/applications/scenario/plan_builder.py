@@ -17,7 +17,7 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.collision import Obstacle, PairSelection
 from rnc_pin.control import SlitheringReference
 from rnc_pin.errors import ConfigurationError, InputError, RncError
-from rnc_pin.model import Coordinates, Kinematics, ReducedModel, Task
+from rnc_pin.model import Kinematics, ReducedModel, Task
 from rnc_pin.motion import optimal
 from rnc_pin.motion.planning import Hold, OutputTarget, Reference, Way, find_way
 from rnc_pin.robots import Robot
@@ -55,19 +55,22 @@ def task_references(
     """References of the task's outputs, and the names of those that the scenario or its plan gives."""
     if motion is not None and scenario.reference.path is not None:
         raise ConfigurationError("reference.path: 'planner' plans the motion; remove one of them")
-    starts = task_starts(reduced, task, q0)
+    said, starts = scenario.reference, task_starts(reduced, task, q0)
+    followed = frozenset[str]() if scenario.controller is None else scenario.controller.followed
     references: dict[str, Reference] = {}
     given = []
-    for name, start in starts.items():
-        settings, outputs = getattr(scenario.reference, name), getattr(task, f"{name}_names")
+    for name, settings, outputs, coordinates in (
+        ("primary", said.primary, task.primary_names, task.primary_coordinates),
+        ("redundant", said.redundant, task.redundant_names, task.redundant_coordinates),
+        ("vertical", said.vertical, task.vertical_names, task.vertical_coordinates),
+    ):
         try:
-            coordinates: Coordinates = getattr(task, f"{name}_coordinates")
             if settings is not None:
-                references[name] = settings.from_start(start, coordinates)
-            elif motion is not None and outputs and name in getattr(scenario.controller, "followed", ()):
+                references[name] = settings.from_start(starts[name], coordinates)
+            elif motion is not None and outputs and name in followed:
                 references[name] = motion.reference(outputs)
             else:
-                references[name] = Hold(start)
+                references[name] = Hold(starts[name])
                 continue
             given.append(name)
         except (ConfigurationError, InputError) as error:

@@ -156,10 +156,10 @@ def _goal_errors(experiment: Experiment, run: Trajectory, summary: Summary) -> d
 def _away(run: Trajectory, ends: Mapping[str, float], sample: int = -1) -> dict[str, float]:
     """Distances of outputs from given values at a sample, by name."""
     found: dict[str, float] = {}
-    for kind in ("x2", "x1"):
+    for kind, values in (("x2", run.x2), ("x1", run.x1)):
         names = run.info.outputs.of(kind).names
         wanted = np.array([ends.get(name, 0.0) for name in names])
-        away = np.abs(run.coordinates(kind).difference(wanted, getattr(run, kind)[sample])).tolist()
+        away = np.abs(run.coordinates(kind).difference(wanted, values[sample])).tolist()
         found |= {name: each for name, each in zip(names, away, strict=True) if name in ends}
     return found
 

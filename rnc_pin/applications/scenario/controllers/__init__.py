@@ -14,13 +14,12 @@ from typing import Annotated, get_args
 
 from pydantic import BeforeValidator, Field
 
-from rnc_pin.applications.scenario.controllers.base import ControllerSettings
-from rnc_pin.applications.scenario.controllers.context import BuiltController, ControllerContext
+from rnc_pin.applications.scenario.controllers.base import ControllerContext, ControllerSettings
 from rnc_pin.applications.scenario.schema.derived import ReadAs
 from rnc_pin.errors import nearest
 from rnc_pin.io import Json, Strict, wrong
 
-__all__ = ["TYPES", "BuiltController", "ControllerContext", "ControllerItem", "read_by", "without_foreign_gains"]
+__all__ = ["TYPES", "ControllerContext", "ControllerItem", "read_by", "without_foreign_gains"]
 
 
 def _types(base: type[Strict]) -> Iterator[tuple[str, type[Strict]]]:

@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
 from rnc_pin.analysis import check_sampling, equilibrium, linearize, lqr
-from rnc_pin.applications.scenario.controllers.base import ControllerSettings
-from rnc_pin.applications.scenario.controllers.context import (
+from rnc_pin.applications.scenario.controllers.base import (
     MIN_SINGULAR_VALUE,
     BuiltController,
     ControllerContext,
+    ControllerSettings,
     reduced_velocity,
     refuse_or_warn,
 )
@@ -28,7 +28,7 @@ from rnc_pin.errors import ConfigurationError, RncError, nearest
 from rnc_pin.io import wrong
 from rnc_pin.model import NotNegative, OutputKind, Positive, ReducedModel
 from rnc_pin.motion import optimal
-from rnc_pin.motion.planning import Joined, OutputTarget, Reference, WaySettings, find_way
+from rnc_pin.motion.planning import Joined, OutputTarget, WaySettings, find_way
 from rnc_pin.simulation import obstacles_passed
 
 WAY_SEARCH = WaySettings(seconds=150.0, motions=20_000)
@@ -162,9 +162,9 @@ class StateFeedbackSettings(ControllerSettings):
             linear = linearize(reduced, found.q, v2, found.T, self.coordinates, self.rates, self.cyclic)
             K = lqr(linear, self.state_cost, self.input_cost)
             check_sampling(linear, K, context.simulation.dt)
-        parts: list[Reference] = [getattr(context, which) for which in context.given]
-        names = [name for which in context.given for name in getattr(context.task, f"{which}_names")]
-        reference = Joined(parts) if parts else None
+        given = [context.references[role] for role in context.given]
+        names = [name for _, outputs in given for name in outputs]
+        reference = Joined([followed for followed, _ in given]) if given else None
         near = near_singular("start", reduced, np.stack([context.q0, found.q]))
         complaints = refuse_or_warn(context.preflight, near)
         return BuiltController(StateFeedback(linear, K, reference, names), complaints)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from typing import Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -12,22 +12,22 @@ from pydantic import Field, model_validator
 from rnc_pin import control
 from rnc_pin.applications.scenario.controllers.base import (
     AdaptationSettings,
-    ControllerSettings,
-    Gain,
-    sized_gain,
-    sized_gains,
-)
-from rnc_pin.applications.scenario.controllers.context import (
     BuiltController,
     ControllerContext,
-    TaskGoals,
+    ControllerSettings,
+    Gain,
     check_motion,
+    sized_gain,
+    sized_gains,
 )
 from rnc_pin.applications.scenario.schema.motions import Pose
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.io import Strict, wrong
 from rnc_pin.model import NotNegative, Positive, Task
 from rnc_pin.motion.planning import Joined, Reference, ReferencePoint
+
+if TYPE_CHECKING:
+    from rnc_pin.applications.scenario.controllers.whole_body import TaskGoals
 
 
 class PlatformSettings(Strict):

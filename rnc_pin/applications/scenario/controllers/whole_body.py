@@ -7,27 +7,29 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Annotated, ClassVar, Literal
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
+import pinocchio as pin
+from numpy import ndarray as Array
 from pydantic import Field
 
-from rnc_pin.applications.scenario.controllers.base import ControllerSettings
-from rnc_pin.applications.scenario.controllers.context import (
+from rnc_pin.applications.scenario.controllers.base import (
     BuiltController,
     ControllerContext,
-    FollowedGoal,
-    TaskGoals,
+    ControllerSettings,
     refuse_or_warn,
 )
 from rnc_pin.applications.scenario.controllers.tracking import VelocityTrackerSettings
 from rnc_pin.applications.scenario.schema.derived import ClassReader, one_of
 from rnc_pin.applications.scenario.schema.kinds import OutputItem
 from rnc_pin.applications.scenario.schema.motions import ReferenceItem
+from rnc_pin.array_shapes import Float
 from rnc_pin.collision import Obstacle, PairSelection
 from rnc_pin.errors import RncError
 from rnc_pin.io import Strict
-from rnc_pin.model import Axes, NotNegative, OutputKind, OutputStack, Positive
+from rnc_pin.model import Axes, NotNegative, OutputKind, OutputStack, Positive, ReducedModel
 from rnc_pin.motion.planning import Reference
 from rnc_pin.motion.whole_body import InverseDynamicsQP, VelocityQP
 from rnc_pin.motion.whole_body.limits import (
@@ -200,6 +202,81 @@ class LimitSettings(Strict):
             wanted = CollisionSettings()
         if wanted is not None:
             found.append(wanted.build(context.obstacles, context.q0))
+        return found
+
+
+class GoalError(NamedTuple):
+    """Distance of a configuration to the goal of one task."""
+
+    title: str
+    """Number of the task, and the names of its rows."""
+    errors: dict[str, float]
+    """Absolute error of each row [m, rad; m/s, rad/s of a quasi-velocity]."""
+    priority: int
+
+
+@dataclass(frozen=True)
+class FollowedGoal:
+    """Goal of a task that follows a reference.
+
+    Attributes:
+        index: number of the task.
+        priority: level of the task.
+        reference: its reference.
+        stack: outputs that the reference describes.
+    """
+
+    index: int
+    priority: int
+    reference: Reference
+    stack: OutputStack
+
+    def error(self, reduced: ReducedModel, t: float, q: Array, v: Array | None) -> GoalError | None:
+        """Error at a time [s]. A quasi-velocity has no position: its goal is the velocity of its reference.
+
+        Args:
+            reduced: the model.
+            t, q, v: time, configuration and velocity; None if the velocity is not known.
+        """
+        here, point = reduced.at(q).position, self.reference.at(t)
+        if self.stack.quasi.any() and v is None:
+            return None
+        if self.stack.quasi.any():
+            errors = point.velocity - self.stack.jacobian(here) @ v
+        else:
+            errors = self.stack.coordinates.difference(point.position, self.stack.value(here))
+        names = self.stack.names
+        by_name = dict(zip(names, np.abs(errors).tolist(), strict=True))
+        return GoalError(f"task {self.index} ({', '.join(names)})", by_name, self.priority)
+
+
+class TaskGoals:
+    """Goals of the tasks that follow references. Postures and the like are preferences: they have no goals.
+
+    Where a program has nothing but postures and damping, the postures of the first priority are its goals.
+
+    Args:
+        followed: goals of tasks with references.
+        tasks: all tasks.
+        reduced: the model.
+    """
+
+    def __init__(self, followed: Sequence[FollowedGoal], tasks: Sequence[ControlTask], reduced: ReducedModel) -> None:
+        self._followed, self._reduced = followed, reduced
+        first = min(task.priority for task in tasks)
+        postures = [(k, task) for k, task in enumerate(tasks) if isinstance(task, PostureTask)]
+        alone = all(isinstance(task, PostureTask | DampingTask) for task in tasks)
+        self._postures = [(k, task) for k, task in postures if alone and task.priority == first]
+
+    def errors(self, t: float, q: Float[Array, " nq"], v: Float[Array, " nv"] | None = None) -> list[GoalError]:
+        """Return the errors of all tasks at a time [s]; those of quasi-velocities need a velocity."""
+        errors = (each.error(self._reduced, t, q, v) for each in self._followed)
+        found = [each for each in errors if each is not None]
+        robot = self._reduced.robot
+        for index, posture in self._postures:
+            away = np.abs(pin.difference(robot.model, q, robot.configuration(posture.joints)))
+            by_name = {name: float(away[robot.velocity_indices(name)].max()) for name in posture.joints}
+            found.append(GoalError(f"task {index} (posture of {', '.join(by_name)})", by_name, posture.priority))
         return found
 
 

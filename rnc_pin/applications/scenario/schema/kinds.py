@@ -29,8 +29,8 @@ from rnc_pin.plants import UnilateralContact
 
 _Shape = Annotated[object, one_of(sphere=constraints.Sphere, ellipsoid=constraints.Ellipsoid, torus=constraints.Torus)]
 _CURVED = {"sphere": constraints.SphericalGround, "cylinder": constraints.CylindricalGround}
-GroundItem = Annotated[object, one_of(plane=constraints.GroundPlane, **_CURVED)] | None
 _Ground = constraints.GroundPlane | constraints.CurvedGround
+GroundItem = Annotated[_Ground, one_of(plane=constraints.GroundPlane, **_CURVED)] | None
 _Plane = Annotated[constraints.GroundPlane, one_of(plane=constraints.GroundPlane)] | None
 OutputItem = Annotated[
     OutputKind,
@@ -116,17 +116,26 @@ ConstraintItem = Annotated[
 ContactItem = Annotated[UnilateralContact, ClassReader(UnilateralContact, forms={"constraint": ConstraintItem})]
 
 
+_ON_GROUND = (
+    constraints.NoSideSlip,
+    constraints.RollingWheel,
+    constraints.RollingBall,
+    constraints.RollingBody,
+    constraints.Caster,
+)
+
+
 def with_ground(given: Sequence[ConstraintKind], ground: _Ground) -> list[ConstraintKind]:
     """Return constraints with a ground for those that have none of their own.
 
     Raises:
         ValueError: no constraint rolls on a ground.
     """
-    if not any(hasattr(each, "ground") for each in given):
+    if not any(isinstance(each, _ON_GROUND) for each in given):
         raise ValueError("ground: no constraint takes a ground")
+    on_it = cast(constraints.GroundPlane, ground)  # constraints on planes refuse another ground themselves
     return [
-        replace(cast(constraints.RollingBody, each), ground=ground) if getattr(each, "ground", ground) is None else each
-        for each in given
+        replace(each, ground=on_it) if isinstance(each, _ON_GROUND) and each.ground is None else each for each in given
     ]
 
 

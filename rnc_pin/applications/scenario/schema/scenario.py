@@ -17,7 +17,6 @@ from rnc_pin.applications.scenario.schema.derived import ClassReader, Content, F
 from rnc_pin.applications.scenario.schema.motions import OptimalPlanner, References
 from rnc_pin.applications.scenario.schema.run_settings import Distribution, GripSettings, SimulationSettings
 from rnc_pin.applications.scenario.schema.world import ObstacleItem, RobotSource
-from rnc_pin.constraints import GroundPlane
 from rnc_pin.control.loop import LoopOptions
 from rnc_pin.errors import nearest
 from rnc_pin.figures import Sheet, Size
@@ -306,8 +305,7 @@ class ScenarioFile(Strict):
     def _constraints_have_ground(self) -> ScenarioFile:
         if self.ground is None:
             return self
-        plane, contacts = cast(GroundPlane, self.ground), [each.constraint for each in self.contacts]
-        grounded = kinds.with_ground([*self.constraints, *contacts], plane)
+        grounded = kinds.with_ground([*self.constraints, *(each.constraint for each in self.contacts)], self.ground)
         count = len(self.constraints)
         landing = [replace(each, constraint=kind) for each, kind in zip(self.contacts, grounded[count:], strict=True)]
         return self.model_copy(update={"constraints": grounded[:count], "contacts": landing})
