@@ -193,7 +193,12 @@ class PlacedShapes:
         self._own = [np.diag([*drawn_scale(shape), 1.0]) for shape in drawn.geometryObjects]
 
     def place(self, scene: MeshcatScene, q: np.ndarray) -> None:
-        """Place all shapes at a configuration (nq,)."""
+        """Place all shapes at a configuration (nq,).
+
+        Args:
+            scene: scene to draw in.
+            q: the configuration.
+        """
         pin.updateGeometryPlacements(self._robot.model, self._data, self._visual, self._shapes, q)
         for name, own, placement in zip(self.names, self._own, self._shapes.oMg, strict=True):
             scene.place(f"{self._node}/{name}", placement.homogeneous @ own)

@@ -106,7 +106,12 @@ class LiveView:
         self.window.open()
 
     def tell(self, kind: str, content: Mapping[str, Json]) -> None:
-        """Send the controls, the status or the verdict to the panel of the page: a later one replaces it."""
+        """Send the controls, the status or the verdict to the panel of the page: a later one replaces it.
+
+        Args:
+            kind: "controls", "status" or "verdict".
+            content: JSON content.
+        """
         self.window.post({"type": f"panel_{kind}", "path": "/panel", "content": content})
 
     def restart(self) -> None:

@@ -167,7 +167,11 @@ class MeshcatRobot:
         self._scene, self._shapes = scene, PlacedShapes(robot, self.group)
 
     def display(self, q: np.ndarray) -> None:
-        """Show a configuration."""
+        """Show a configuration.
+
+        Args:
+            q: the configuration (nq,).
+        """
         self._shapes.place(self._scene, q)
 
 

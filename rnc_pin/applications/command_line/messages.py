@@ -20,7 +20,11 @@ _MINUTE = 60.0  # between the lines of a log [s]
 
 
 def print_json(content: object) -> None:
-    """Print JSON on standard output."""
+    """Print JSON on standard output.
+
+    Args:
+        content: JSON content.
+    """
     click.echo(dump_json(content))
 
 
@@ -39,7 +43,12 @@ def announce(text: str, quiet: bool = False) -> None:
 
 @contextmanager
 def told_each_minute(activity: Callable[[], str], quiet: bool) -> Iterator[None]:
-    """Print the activity each minute inside, if the output is a log and no terminal."""
+    """Print the activity each minute inside, if the output is a log and no terminal.
+
+    Args:
+        activity: function that returns the present activity.
+        quiet: True to print nothing.
+    """
     over = threading.Event()
 
     def tell() -> None:
@@ -61,12 +70,20 @@ def seconds_since_start() -> float:
 
 
 def complain(message: str) -> None:
-    """Print an error in one line."""
+    """Print an error in one line.
+
+    Args:
+        message: the error.
+    """
     click.echo(f"rnc-pin: error: {printable(message)}", err=True)
 
 
 def warn(message: str) -> None:
-    """Print a warning in one line."""
+    """Print a warning in one line.
+
+    Args:
+        message: the warning.
+    """
     click.echo(f"rnc-pin: warning: {printable(message)}", err=True)
 
 

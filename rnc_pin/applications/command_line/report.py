@@ -58,7 +58,11 @@ class ProgressBar:
         return self._advance
 
     def begin_at(self, done: float) -> None:
-        """Count this much as done before the start: the estimate of the remaining time leaves it out."""
+        """Count this much as done before the start: the estimate of the remaining time leaves it out.
+
+        Args:
+            done: value so far, of the total.
+        """
         self._bar.reset(self._task, completed=int(done))
 
     def _advance(self, done: float, text: str) -> None:

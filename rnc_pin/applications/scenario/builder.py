@@ -46,19 +46,34 @@ _ROUNDED = 1e-4  # largest residual of holonomic rows that counts as rounding in
 
 
 def build_system(scenario: ScenarioFile, folder: Path) -> NonholonomicSystem:
-    """Build the system of robot, constraints and actuators. Paths are relative to ``folder``."""
+    """Build the system of robot, constraints and actuators. Paths are relative to ``folder``.
+
+    Args:
+        scenario: a validated scenario.
+        folder: base of relative paths.
+    """
     robot = scenario.robot.build(folder)
     return NonholonomicSystem(robot, scenario.constraints, scenario.actuators, scenario.mimic, scenario.forces)
 
 
 def build_reduced(scenario: ScenarioFile, folder: Path) -> tuple[NonholonomicSystem, ReducedModel]:
-    """Build the system and reduce it to the outputs of the scenario."""
+    """Build the system and reduce it to the outputs of the scenario.
+
+    Args:
+        scenario: a validated scenario.
+        folder: base of relative paths.
+    """
     system = build_system(scenario, folder)
     return system, scenario.reduced(system)
 
 
 def build_task(scenario: ScenarioFile, reduced: ReducedModel) -> Task:
-    """Return the task of the scenario. By default all reducing outputs are primary."""
+    """Return the task of the scenario. By default all reducing outputs are primary.
+
+    Args:
+        scenario: a validated scenario.
+        reduced: its reduced model.
+    """
     names = scenario.task
     primary = names.primary
     if not primary and not names.redundant:
@@ -117,7 +132,11 @@ class Experiment:
         return {} if self.scenario.loop is None else self.scenario.loop.options
 
     def run(self, options: SimulationOptions) -> Trajectory:
-        """Simulate the run."""
+        """Simulate the run.
+
+        Args:
+            options: options of the run, with its observer and provenance.
+        """
         dt, start, v2_0 = self.simulation.dt, self.q0, self.v2_0
         duration, plant = self.simulation.seconds, self.plant
         return simulate(self.reduced, self.controller, start, duration, dt, v2_0=v2_0, plant=plant, options=options)
@@ -207,7 +226,12 @@ def build_experiment(
 
 
 def start_of(scenario: ScenarioFile, reduced: ReducedModel) -> tuple[np.ndarray, np.ndarray]:
-    """Initial configuration (nq,) and initial reduced velocity (r,)."""
+    """Initial configuration (nq,) and initial reduced velocity (r,).
+
+    Args:
+        scenario: a validated scenario.
+        reduced: its reduced model.
+    """
     return _initial(scenario, reduced), reduced_velocity(reduced, scenario.initial.v2, "initial.v2")
 
 

@@ -107,6 +107,11 @@ def _watched(scenario: Scenario, observer: Observer | None, report: Callable[[fl
 def write(scenario: Scenario, result: Result, folder: Path) -> list[str]:
     """Write the data of a result: trajectories, summary and scenario. Return the names of the files.
 
+    Args:
+        scenario: the scenario.
+        result: its result.
+        folder: folder of the files.
+
     Raises:
         OSError: a file cannot be written.
     """
@@ -121,7 +126,12 @@ def write(scenario: Scenario, result: Result, folder: Path) -> list[str]:
 
 
 def data_names(comparisons: Iterable[str] = (), planned: bool = False) -> list[str]:
-    """Names of the files that ``write`` writes for a run with these comparisons, and with a plan if it is planned."""
+    """Names of the files that ``write`` writes for a run with these comparisons, and with a plan if it is planned.
+
+    Args:
+        comparisons: names of the comparisons.
+        planned: True for a run with a planner.
+    """
     plans = [_PLAN] if planned else []
     return ["trajectory.npz", *map(_comparison_file, comparisons), *plans, "summary.json", "scenario.yaml"]
 

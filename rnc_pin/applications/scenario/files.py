@@ -28,12 +28,19 @@ def built_in_names() -> list[str]:
 
 
 def is_built_in(path: Path) -> bool:
-    """True if a scenario file is part of the package."""
+    """True if a scenario file is part of the package.
+
+    Args:
+        path: path of the file.
+    """
     return path.resolve().parent == _BUILT_IN
 
 
 def find_scenario(name: str) -> Path:
     """Return the file of a built-in scenario, or the named file.
+
+    Args:
+        name: a built-in name or a path.
 
     Raises:
         ConfigurationError: neither exists (gives the nearest name), or it is a robot (gives the command ``init``).
@@ -98,6 +105,9 @@ def _parsed(text: str) -> Json:
 def read_yaml(path: Path) -> dict[str, Json]:
     """Read the mapping in a YAML file.
 
+    Args:
+        path: path of the file.
+
     Raises:
         ConfigurationError: the file cannot be read, is not YAML (gives the line), or is not a mapping.
     """
@@ -122,13 +132,21 @@ def read_yaml(path: Path) -> dict[str, Json]:
 
 
 def one_line_yaml(value: object) -> str:
-    """Value as YAML in one line, which reads back as the same value."""
+    """Value as YAML in one line, which reads back as the same value.
+
+    Args:
+        value: the value.
+    """
     text: str = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=float("inf"), allow_unicode=True)
     return text.removesuffix("\n").removesuffix("\n...")
 
 
 def parse_option(option: str) -> tuple[str, Json]:
-    """Split ``a.b=c`` into key and value, and read the value as YAML."""
+    """Split ``a.b=c`` into key and value, and read the value as YAML.
+
+    Args:
+        option: the text of an option.
+    """
     key, equals, text = option.partition("=")
     if not equals or not key.strip():
         raise ConfigurationError(f"option '{option}': expected key=value, e.g. simulation.duration=5")
@@ -139,7 +157,11 @@ def parse_option(option: str) -> tuple[str, Json]:
 
 
 def parse_options(options: Iterable[str]) -> dict[str, Json]:
-    """Return keys and values for ``with_options``. The last value of a repeated key counts."""
+    """Return keys and values for ``with_options``. The last value of a repeated key counts.
+
+    Args:
+        options: texts of options, such as ``simulation.duration=5``.
+    """
     return dict(parse_option(option) for option in options)
 
 
@@ -177,5 +199,9 @@ def with_options(raw: Mapping[str, Json], options: Mapping[str, Json]) -> dict[s
 
 
 def mapping_of(value: object) -> dict[str, Json]:
-    """Return a copy of a mapping in a scenario; an empty one for anything else."""
+    """Return a copy of a mapping in a scenario; an empty one for anything else.
+
+    Args:
+        value: a value in a scenario.
+    """
     return dict(value) if isinstance(value, Mapping) else {}

@@ -43,7 +43,11 @@ class Manifest:
 
     @classmethod
     def read(cls, folder: Path) -> Manifest | None:
-        """Read the manifest of a folder; None if there is none, empty if it is invalid."""
+        """Read the manifest of a folder; None if there is none, empty if it is invalid.
+
+        Args:
+            folder: the output folder.
+        """
         try:
             with open_regular(folder / MANIFEST, follow_links=False) as file:
                 files = json.loads(file.read(_MAX_SIZE))["files"]
@@ -65,7 +69,11 @@ class Manifest:
         os.replace(partial, self.folder / MANIFEST)
 
     def owns(self, name: str) -> bool:
-        """True if a run wrote the file and it is unchanged."""
+        """True if a run wrote the file and it is unchanged.
+
+        Args:
+            name: name of the file.
+        """
         path = self.folder / name
         try:
             return (
@@ -78,7 +86,11 @@ class Manifest:
             return False
 
     def remove(self, name: str) -> None:
-        """Delete a file that the manifest owns."""
+        """Delete a file that the manifest owns.
+
+        Args:
+            name: name of the file.
+        """
         if self.owns(name):
             (self.folder / name).unlink()
 
@@ -89,12 +101,19 @@ class Manifest:
 
 
 def is_result(name: str) -> bool:
-    """True if runs write files of this name."""
+    """True if runs write files of this name.
+
+    Args:
+        name: name of a file.
+    """
     return _RESULT.fullmatch(name) is not None
 
 
 def digest(path: Path) -> str:
     """Return the SHA-256 of a regular file.
+
+    Args:
+        path: path of the file.
 
     Raises:
         OSError: the file cannot be read, or is a link.
@@ -253,7 +272,11 @@ def _is_folder(path: Path) -> bool:
 
 
 def lock_folder(folder: Path) -> int:
-    """Open and lock a folder until it is closed. The operating system releases the lock when the process ends."""
+    """Open and lock a folder until it is closed. The operating system releases the lock when the process ends.
+
+    Args:
+        folder: the folder.
+    """
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -269,7 +292,11 @@ def lock_folder(folder: Path) -> int:
 
 @contextmanager
 def one_line_errors(place: str | None = None) -> Iterator[None]:
-    """Raise ConfigurationError in place of an OSError inside, with its place; by default the file."""
+    """Raise ConfigurationError in place of an OSError inside, with its place; by default the file.
+
+    Args:
+        place: place for the message, such as an option with its path.
+    """
     try:
         yield
     except OSError as error:
@@ -281,6 +308,11 @@ def one_line_errors(place: str | None = None) -> Iterator[None]:
 
 def check_new_file(option: str, path: Path, force: bool) -> None:
     """Check that a file can be written, before its content is computed.
+
+    Args:
+        option: option that names the file, for messages.
+        path: path of the file.
+        force: True to replace an existing file.
 
     Raises:
         ConfigurationError: the path is a folder, its folder does not exist, or the file exists without ``force``.

@@ -47,7 +47,11 @@ class Drawn:
 
 
 def picture_names(scenario: Scenario) -> list[str]:
-    """Names of the pictures that a run can write."""
+    """Names of the pictures that a run can write.
+
+    Args:
+        scenario: the scenario of the run.
+    """
     content = scenario.content
     formats = {name: plot.formats or content.figures.formats for name, plot in content.plots.items()}
     formats |= dict.fromkeys(("overview", "overview_2", "top_view", "limits"), content.figures.formats)

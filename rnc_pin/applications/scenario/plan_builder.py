@@ -37,7 +37,13 @@ class FramePoses(NamedTuple):
 
 
 def frame_poses(robot: Robot, frame: str, configurations: np.ndarray) -> FramePoses:
-    """Return the poses of a frame at configurations (n, nq)."""
+    """Return the poses of a frame at configurations (n, nq).
+
+    Args:
+        robot: the robot.
+        frame: name of the frame.
+        configurations: the configurations.
+    """
     rotation, place = Kinematics(robot).position(configurations).placement(robot.frame_id(frame))
     heading = np.arctan2(rotation[:, 1, 0], rotation[:, 0, 0])
     return FramePoses(np.column_stack([place[:, :2], heading]), place[:, 2])
@@ -52,7 +58,15 @@ def task_starts(reduced: ReducedModel, task: Task, q0: np.ndarray) -> dict[str, 
 def task_references(
     scenario: ScenarioFile, reduced: ReducedModel, task: Task, q0: np.ndarray, motion: optimal.MotionPlan | None
 ) -> tuple[dict[str, Reference], tuple[str, ...]]:
-    """References of the task's outputs, and the names of those that the scenario or its plan gives."""
+    """References of the task's outputs, and the names of those that the scenario or its plan gives.
+
+    Args:
+        scenario: a validated scenario.
+        reduced: its reduced model.
+        task: roles of the outputs.
+        q0: initial configuration (nq,).
+        motion: optimal motion of ``planner``; None without one.
+    """
     if motion is not None and scenario.reference.path is not None:
         raise ConfigurationError("reference.path: 'planner' plans the motion; remove one of them")
     said, starts = scenario.reference, task_starts(reduced, task, q0)
@@ -93,7 +107,14 @@ class PathPlan:
 
 
 def plan_path(scenario: ScenarioFile, reduced: ReducedModel, task: Task, q0: np.ndarray) -> PathPlan:
-    """Plan the path of ``reference.path``."""
+    """Plan the path of ``reference.path``.
+
+    Args:
+        scenario: a validated scenario.
+        reduced: its reduced model.
+        task: roles of the outputs.
+        q0: initial configuration (nq,).
+    """
     settings = scenario.reference.path
     if settings is None:
         return PathPlan()
@@ -146,7 +167,14 @@ class Plans:
     def plan(
         self, scenario: ScenarioFile, reduced: ReducedModel, start: Start, obstacles: Sequence[Obstacle]
     ) -> optimal.MotionPlan:
-        """Return the optimal motion of a scenario, like ``build_plan``."""
+        """Return the optimal motion of a scenario, like ``build_plan``.
+
+        Args:
+            scenario: a validated scenario with a planner.
+            reduced: its reduced model.
+            start: initial state.
+            obstacles: bodies in the world.
+        """
         system = (scenario.robot, scenario.constraints, scenario.mimic, scenario.actuators, scenario.forces)
         problem = (scenario.outputs, scenario.obstacles, scenario.initial, scenario.planner, scenario.seed)
         chosen = _regulator(scenario)
@@ -161,6 +189,12 @@ def build_plan(
     scenario: ScenarioFile, reduced: ReducedModel, start: Start, obstacles: Sequence[Obstacle]
 ) -> optimal.MotionPlan:
     """Plan the motion of ``planner``.
+
+    Args:
+        scenario: a validated scenario with a planner.
+        reduced: its reduced model.
+        start: initial state.
+        obstacles: bodies in the world.
 
     Raises:
         RncError: the settings do not fit the model, or no plan is found.
@@ -211,7 +245,13 @@ def _feedback(scenario: ScenarioFile, reduced: ReducedModel) -> optimal.RunFeedb
 
 
 def planned_path(found: optimal.MotionPlan, reduced: ReducedModel, frame: str) -> PlannedPath:
-    """Path of a frame along a plan."""
+    """Path of a frame along a plan.
+
+    Args:
+        found: the plan.
+        reduced: the model.
+        frame: name of the frame.
+    """
     model = optimal.action_model(reduced, found.info.form)
     parts, h = max(1, round(_POINTS / len(found.u))), np.diff(found.time)
     start = optimal.Nodes(found.q[:-1], found.w[:-1])

@@ -32,13 +32,22 @@ def start_findings(scenario: ScenarioFile, reduced: ReducedModel, q0: np.ndarray
     """Compare the radii of wheels with their heights at the initial configuration (nq,).
 
     The height of the ground is that of ``view.ground``, if the scenario states one; constraints may name their own.
+
+    Args:
+        scenario: a validated scenario.
+        reduced: its reduced model.
+        q0: the configuration.
     """
     ground = scenario.view.ground
     return wheel_height_findings(reduced, q0, None if isinstance(ground, str) else ground)
 
 
 def warnings_of(findings: Iterable[Finding]) -> tuple[str, ...]:
-    """Messages of the findings that are more than a note."""
+    """Messages of the findings that are more than a note.
+
+    Args:
+        findings: findings of a start.
+    """
     return tuple(str(each) for each in findings if each.severity is not Severity.NOTE)
 
 

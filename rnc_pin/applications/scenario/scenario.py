@@ -340,7 +340,11 @@ class Scenario(SummaryMixin):
 
 
 def slug(label: str) -> str:
-    """Return a label in the form of a part of a file name."""
+    """Return a label in the form of a part of a file name.
+
+    Args:
+        label: the label.
+    """
     return "".join(letter if letter.isalnum() else "_" for letter in label)
 
 

@@ -26,7 +26,11 @@ LOOPBACK = "127.0.0.1"
 
 
 def addresses_of(host: str) -> set[str]:
-    """Addresses to which this computer resolves a name; empty if there are none."""
+    """Addresses to which this computer resolves a name; empty if there are none.
+
+    Args:
+        host: name or address.
+    """
     try:
         return {str(info[4][0]).partition("%")[0] for info in socket.getaddrinfo(host, None)}
     except (OSError, UnicodeError):
@@ -34,7 +38,11 @@ def addresses_of(host: str) -> set[str]:
 
 
 def is_loopback(host: str) -> bool:
-    """True if only this computer can reach an address. A host name is resolved first."""
+    """True if only this computer can reach an address. A host name is resolved first.
+
+    Args:
+        host: name or address.
+    """
     found = addresses_of(host)
     return bool(found) and all(ipaddress.ip_address(address).is_loopback for address in found)
 
@@ -177,7 +185,13 @@ _OTHER_RANK = 3
 
 
 def put_latest(commands: Commands, key: Key, data: bytes) -> None:
-    """Store a command in place of the earlier one. A "delete" replaces all commands at its path and below."""
+    """Store a command in place of the earlier one. A "delete" replaces all commands at its path and below.
+
+    Args:
+        commands: commands so far by path and kind, which change.
+        key: path and kind of the command.
+        data: the packed command.
+    """
     path, kind = key
     if kind == "delete":
         for each in [each for each in commands if path in ("", each[0]) or each[0].startswith(path + "/")]:
@@ -186,7 +200,12 @@ def put_latest(commands: Commands, key: Key, data: bytes) -> None:
 
 
 def apply_commands(commands: Commands, new: list[tuple[Key, bytes]]) -> None:
-    """Add new commands to the scene; a deleted node leaves nothing behind."""
+    """Add new commands to the scene; a deleted node leaves nothing behind.
+
+    Args:
+        commands: commands so far by path and kind, which change.
+        new: further commands.
+    """
     for key, data in new:
         put_latest(commands, key, data)
         if key[1] == "delete":
@@ -194,7 +213,11 @@ def apply_commands(commands: Commands, new: list[tuple[Key, bytes]]) -> None:
 
 
 def in_order(commands: Commands) -> list[bytes]:
-    """Commands in an order that draws the scene: objects, properties, transforms, others, animation."""
+    """Commands in an order that draws the scene: objects, properties, transforms, others, animation.
+
+    Args:
+        commands: commands by path and kind.
+    """
     return [commands[key] for key in sorted(commands, key=lambda key: _RANK.get(key[1].split(" ")[0], _OTHER_RANK))]
 
 
@@ -228,7 +251,11 @@ def recorded_page(title: str, commands: Iterable[bytes], begin: float | None = N
 
 
 def bundle(commands: Iterable[bytes]) -> bytes:
-    """Join commands into one message; the size of each precedes it as a 4-byte little-endian integer."""
+    """Join commands into one message; the size of each precedes it as a 4-byte little-endian integer.
+
+    Args:
+        commands: packed commands.
+    """
     return b"".join(len(data).to_bytes(4, "little") + data for data in commands)
 
 

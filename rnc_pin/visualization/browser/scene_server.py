@@ -162,7 +162,11 @@ class SceneServer:
         return len(self._watching)
 
     def send(self, commands: list[tuple[Key, bytes]]) -> None:
-        """Send commands to all browsers, without waiting."""
+        """Send commands to all browsers, without waiting.
+
+        Args:
+            commands: packed commands.
+        """
         self._loop.call_soon_threadsafe(self._send, commands)
 
     def close(self) -> None:
@@ -313,7 +317,11 @@ class SceneWindow:
     # ------------------------------------------------------------------ drawing
 
     def send(self, command: Drawing) -> None:
-        """Send a drawing command of Meshcat, without waiting."""
+        """Send a drawing command of Meshcat, without waiting.
+
+        Args:
+            command: the command.
+        """
         self.post(command.lower())
 
     def post(self, command: Mapping[str, object], single: bool = False) -> None:
@@ -329,7 +337,12 @@ class SceneWindow:
         self.put(key, umsgpack.packb(command, force_float_precision="single" if single else "double"))
 
     def place(self, path: str, matrix: np.ndarray) -> None:
-        """Set the transform (4, 4) of a node, at a tenth of the cost of ``post``; every frame sets all transforms."""
+        """Set the transform (4, 4) of a node, at a tenth of the cost of ``post``; every frame sets all transforms.
+
+        Args:
+            path: path of the node.
+            matrix: the transform, which may include a scale.
+        """
         head = self._heads.get(path)
         if head is None:
             words = [umsgpack.packb(word) for word in ("type", "set_transform", "path", path, "matrix")]
@@ -350,7 +363,12 @@ class SceneWindow:
             self._pass_on(gathered)
 
     def put(self, key: Key, data: bytes) -> None:
-        """Send a drawing command that is already packed in MessagePack."""
+        """Send a drawing command that is already packed in MessagePack.
+
+        Args:
+            key: path and kind of the command.
+            data: the packed command.
+        """
         with self._sending:
             if self._gathered is not None:
                 self._gathered.append((key, data))
@@ -364,13 +382,23 @@ class SceneWindow:
             self._server.send(commands)
 
     def page(self, begin: float | None = None) -> str:
-        """Return the scene as one self-contained HTML page; see ``recorded_page``."""
+        """Return the scene as one self-contained HTML page; see ``recorded_page``.
+
+        Args:
+            begin: pause at this time [s]; None plays immediately.
+        """
         return recorded_page(self.title, in_order(self.latest), begin)
 
     # ------------------------------------------------------------------ serving
 
     def serve(self, port: int = 0, host: str = LOOPBACK, panel: ControlPanel | None = None) -> str:
-        """Serve the scene and return its address; see ``SceneServer``."""
+        """Serve the scene and return its address; see ``SceneServer``.
+
+        Args:
+            port: port; 0 for a free one.
+            host: address to serve on.
+            panel: panel of controls.
+        """
         self._server = SceneServer(self.title, self.latest, port, host, panel)
         self.web_url = self._server.url
         return self.web_url

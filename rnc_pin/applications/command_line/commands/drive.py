@@ -34,7 +34,16 @@ class NewDrive(TypedDict):
 def drive_robot(
     source: str, out: Path | None, browser: bool, as_json: bool, force: bool, **new: Unpack[NewDrive]
 ) -> int:
-    """Drive a robot in the browser, write its folder, and return the exit status."""
+    """Drive a robot in the browser, write its folder, and return the exit status.
+
+    Args:
+        source: a scenario or a robot.
+        out: folder of the results; ``runs/SCENARIO-drive`` if it is None.
+        browser: True to open the browser.
+        as_json: True to print JSON.
+        force: True to write into a folder that rnc-pin did not create.
+        **new: options of the drive.
+    """
     given = parse_options(new["options"])
     wishes = DraftOptions(xacro_arguments=parse_options(new["arguments"]), package_dirs=new["package_dirs"])
     prepared = prepare_drive(read_source(source, given, wishes), given, new["frames"])

@@ -44,7 +44,16 @@ def draft_scenario(
     force: bool,
     **stated: Unpack[Stated],
 ) -> None:
-    """Write a draft scenario for a robot, and print what the file leaves open."""
+    """Write a draft scenario for a robot, and print what the file leaves open.
+
+    Args:
+        robot: file or name of a robot.
+        out: file to write; ROBOT.yaml if it is None.
+        arguments: arguments of a xacro file in the form ``a=b``.
+        lock: joints to lock: ``JOINT`` or ``JOINT=VALUE``.
+        force: True to replace an existing file.
+        **stated: choices of the user.
+    """
     path = out or Path(Path(robot).name.split(".")[0] + ".yaml")
     own = os.path.isfile(path) and path.resolve() == Path(robot).resolve()
     check_new_file("--out", path, force or own)
@@ -79,7 +88,15 @@ def print_schema() -> None:
 
 
 def inspect_system(system: str, options: tuple[str, ...], samples: int, seed: int, as_json: bool) -> None:
-    """Print the analysis of a system."""
+    """Print the analysis of a system.
+
+    Args:
+        system: a built-in name or a file.
+        options: options in the form ``a.b=c``.
+        samples: number of sampled configurations.
+        seed: random seed of the samples.
+        as_json: True to print JSON.
+    """
     scenario = Scenario.load(system, parse_options(options))
     reduced, task = scenario.model.reduced, scenario.task
     report = analyze(reduced, task.primary_names, task.redundant_names, samples, seed, task.vertical_names)
@@ -123,7 +140,16 @@ _MOST = 18  # rows of the table
 def explore_system(
     system: str, options: tuple[str, ...], primary: str | None, as_json: bool, write: Path | None, row: int | None
 ) -> int | None:
-    """Print what the redundancy of a robot can do, and write the scenario of one use."""
+    """Print what the redundancy of a robot can do, and write the scenario of one use.
+
+    Args:
+        system: a built-in name or a file.
+        options: options in the form ``a.b=c``.
+        primary: names of primary outputs, with commas; None for those of the scenario.
+        as_json: True to print JSON.
+        write: file for the scenario of a row.
+        row: number of that row; the best one if it is None.
+    """
     if write is not None:
         check_new_file("--write", write, force=False)
     scenario = Scenario.load(system, parse_options(options))

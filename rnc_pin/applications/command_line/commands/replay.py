@@ -53,6 +53,9 @@ class Run:
 def load_run(source: Path) -> Run:
     """Load a folder of ``rnc-pin run``, or its ``trajectory.npz``.
 
+    Args:
+        source: path of the folder or file.
+
     Raises:
         RncError: the source is not a run, or has fewer than two samples.
     """
@@ -100,7 +103,11 @@ def _compared(runs: Sequence[Run]) -> dict[str, Trajectory]:
 
 
 def animation_of(runs: Sequence[Run]) -> Recording:
-    """Return the animation of a run, with other runs as pale robots in it."""
+    """Return the animation of a run, with other runs as pale robots in it.
+
+    Args:
+        runs: the run, then those to compare with it.
+    """
     run = runs[0]
     return Recording(run.drawn_model, run.trajectory, run.scenario.view, run.title, _compared(runs))
 
@@ -109,7 +116,17 @@ def animation_of(runs: Sequence[Run]) -> Recording:
 def live_view(
     model: DrawnModel, view: View, info: RunInfo | Provenance, title: str, speed: float, browser: bool, host: str
 ) -> Iterator[LiveView]:
-    """Serve a live view, print its address, and wait for the browser; warn if it stopped before the run."""
+    """Serve a live view, print its address, and wait for the browser; warn if it stopped before the run.
+
+    Args:
+        model: robot, model and obstacles to draw.
+        view: options of the view.
+        info: names and provenance of the run.
+        title: title of the page.
+        speed: simulated time over real time; 0 does not wait.
+        browser: True to open the browser.
+        host: address to serve on.
+    """
     if not is_loopback(host):
         warn(f"--host {host}: everyone who can reach this address can watch")
     live = LiveView(model, view, info, speed, browser, host, title)
@@ -136,7 +153,16 @@ class ReplayFiles(TypedDict):
 def replay_runs(
     sources: tuple[Path, ...], show: bool, speed: float, browser: bool, host: str, **files: Unpack[ReplayFiles]
 ) -> int:
-    """Write the requested files of runs, show them, or print their summaries and verdicts. Return the exit status."""
+    """Write the requested files of runs, show them, or print their summaries and verdicts. Return the exit status.
+
+    Args:
+        sources: folders or files of runs; the others are compared with the first.
+        show: True to show the first run in the browser.
+        speed: simulated time over real time; 0 does not wait.
+        browser: True to open the browser.
+        host: address to serve on.
+        **files: files to write.
+    """
     runs = [load_run(source) for source in sources]
     for option, path in (("--html", files["html"]), ("--video", files["video"])):
         if path is not None:
@@ -179,7 +205,14 @@ def _show(run: Run, speed: float, browser: bool, host: str) -> None:
 
 
 def export_file(source: Path, file: Path, arrays: tuple[str, ...], force: bool) -> None:
-    """Write the arrays of a run for other programs."""
+    """Write the arrays of a run for other programs.
+
+    Args:
+        source: folder or file of a run.
+        file: table to write.
+        arrays: names of arrays; all by default.
+        force: True to replace an existing file.
+    """
     check_new_file("FILE", file, force)
     run = Trajectory.load(source / "trajectory.npz" if os.path.isdir(source) else source)
     with one_line_errors():

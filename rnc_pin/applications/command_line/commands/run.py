@@ -35,7 +35,17 @@ def run_scenario(
     force: bool,
     **watching: Unpack[Watching],
 ) -> int:
-    """Run a scenario, write its folder and return the exit status."""
+    """Run a scenario, write its folder and return the exit status.
+
+    Args:
+        scenario: a built-in name or a file.
+        out: folder of the results; ``runs/SCENARIO`` if it is None.
+        options: options in the form ``a.b=c``.
+        show: True for a live view.
+        as_json: True to print JSON.
+        force: True to write into a folder that rnc-pin did not create.
+        **watching: options of the live view.
+    """
     prepared = Scenario.load(scenario, parse_options(options))
     plans = prepared.content.planner is not None  # which takes most of the time before the run
     activity = f"{prepared.name}: {'planning the motion' if plans else 'preparing the run'}"

@@ -29,7 +29,16 @@ class _Passed(TypedDict):
 def sweep_scenario(
     scenario: str, runs: int, out: Path, options: tuple[str, ...], as_json: bool, **passed: Unpack[_Passed]
 ) -> int:
-    """Run a scenario many times with drawn values, write a data set and return the exit status."""
+    """Run a scenario many times with drawn values, write a data set and return the exit status.
+
+    Args:
+        scenario: a built-in name or a file.
+        runs: number of runs.
+        out: folder of the results.
+        options: options in the form ``a.b=c``.
+        as_json: True to print JSON.
+        **passed: options that ``sweep`` takes as they are.
+    """
     chosen = parse_options(options)
     bar = ProgressBar(Console(stderr=True), runs, f"{scenario} x {runs}", quiet=as_json)
     reached = 0

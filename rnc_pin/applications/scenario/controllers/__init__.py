@@ -37,7 +37,11 @@ TYPES: dict[str, type[Strict]] = dict(sorted(_types(ControllerSettings)))
 
 
 def owners(key: str) -> list[str]:
-    """Types of controllers that read a setting."""
+    """Types of controllers that read a setting.
+
+    Args:
+        key: name of the setting.
+    """
     return [name for name, each in TYPES.items() if key in each.model_fields]
 
 
@@ -68,12 +72,22 @@ ControllerItem = Annotated[
 
 
 def read_by(kind: str, controller: Mapping[str, Json]) -> dict[str, Json]:
-    """Settings of a controller that a type reads, and unknown ones."""
+    """Settings of a controller that a type reads, and unknown ones.
+
+    Args:
+        kind: the type.
+        controller: mapping of a controller in a file.
+    """
     return {key: value for key, value in controller.items() if not (types := owners(key)) or kind in types}
 
 
 def without_foreign_gains(raw: Mapping[str, Json], changes: Mapping[str, Json]) -> Mapping[str, Json]:
-    """Scenario whose controller has no settings that a comparison's other type of controller does not read."""
+    """Scenario whose controller has no settings that a comparison's other type of controller does not read.
+
+    Args:
+        raw: mapping of the scenario.
+        changes: values of the variant by dotted key.
+    """
     controller, kind = raw.get("controller"), changes.get("controller.type")
     if not isinstance(controller, Mapping) or not isinstance(kind, str) or kind not in TYPES:
         return raw

@@ -126,6 +126,11 @@ def refuse_or_warn(preflight: Literal["warn", "refuse"], complaints: Sequence[st
 def reduced_velocity(reduced: ReducedModel, rates: Mapping[str, float], key: str) -> np.ndarray:
     """Return the reduced velocity (r,) from rates by name of the reducing outputs; other rates are zero.
 
+    Args:
+        reduced: the model.
+        rates: rates by name [m/s or rad/s].
+        key: key of the file, for messages.
+
     Raises:
         ConfigurationError: no reducing output has this name.
     """
@@ -303,6 +308,11 @@ Unknown = Annotated[
 def sized_gain(name: str, value: Gain | np.ndarray, size: int) -> float | np.ndarray:
     """Return a gain after a check of its length.
 
+    Args:
+        name: name of the setting, for messages.
+        value: the gain.
+        size: number of outputs.
+
     Raises:
         ConfigurationError: the number of values is not ``size``.
     """
@@ -312,7 +322,12 @@ def sized_gain(name: str, value: Gain | np.ndarray, size: int) -> float | np.nda
 
 
 def sized_gains(size: int, **given: Gain | None) -> dict[str, float | np.ndarray | None]:
-    """Return gains that the settings give, by name, after a check of their lengths; None for others."""
+    """Return gains that the settings give, by name, after a check of their lengths; None for others.
+
+    Args:
+        size: number of outputs.
+        **given: gains by name.
+    """
     return {name: None if value is None else sized_gain(name, value, size) for name, value in given.items()}
 
 
@@ -342,6 +357,9 @@ class ControllerSettings(Strict):
 
     def build(self, context: ControllerContext) -> BuiltController:
         """Build the controller.
+
+        Args:
+            context: what the scenario has built so far.
 
         Raises:
             ConfigurationError: the scenario gives a reference that the controller does not read.
@@ -409,7 +427,11 @@ class AdaptationSettings(ControllerSettings):
     delay: NotNegative | None = None
 
     def build(self, context: ControllerContext) -> BuiltController:
-        """Build the controller. With unknown parameters it uses the estimated model and never the true one."""
+        """Build the controller. With unknown parameters it uses the estimated model and never the true one.
+
+        Args:
+            context: what the scenario has built so far.
+        """
         if self.unknown is None:
             return super().build(context)
         estimator = self.unknown.estimator(context.reduced, self.outer.alpha if self.alpha is None else self.alpha)
@@ -422,7 +444,11 @@ class AdaptationSettings(ControllerSettings):
         return replace(built, controller=control.UncertainController(estimator, built.controller), notes=notes)
 
     def holding_force(self, context: ControllerContext) -> np.ndarray | None:
-        """Reduced force that holds the robot at rest at ``q0``, (r,); None without gravity compensation."""
+        """Reduced force that holds the robot at rest at ``q0``, (r,); None without gravity compensation.
+
+        Args:
+            context: what the scenario has built so far.
+        """
         wanted = self.gravity_compensation
         if wanted is None:
             starts_at_rest = context.v2_0 is None or not context.v2_0.any()

@@ -113,7 +113,13 @@ def check_output_names(key: str, given: Iterable[str], names: Sequence[str]) -> 
 
 
 def near_singular(what: str, reduced: ReducedModel, q: np.ndarray) -> tuple[str, ...]:
-    """Complaint about configurations (n, nq) if one of them is nearly singular."""
+    """Complaint about configurations (n, nq) if one of them is nearly singular.
+
+    Args:
+        what: name of the configurations, for the message.
+        reduced: the model.
+        q: the configurations.
+    """
     smallest = float(np.min(reduced.at(q).smallest_singular_value))
     said = f"{what} is near a singular configuration: smallest singular value {smallest:.2g}"
     return (f"{said}, limit {MIN_SINGULAR_VALUE:g}",) if smallest < MIN_SINGULAR_VALUE else ()
@@ -194,7 +200,12 @@ class PlanFeedbackSettings(ControllerSettings):
     bandwidth: Positive = 20.0
 
     def regulator(self, reduced: ReducedModel, plan: optimal.MotionPlan) -> optimal.PlanFeedback:
-        """Time-varying linear-quadratic regulator about a plan."""
+        """Time-varying linear-quadratic regulator about a plan.
+
+        Args:
+            reduced: the model.
+            plan: the plan.
+        """
         return optimal.tvlqr(reduced, plan, self.state_cost, self.input_cost, frequency=self.frequency)
 
     def _build(self, context: ControllerContext) -> BuiltController:

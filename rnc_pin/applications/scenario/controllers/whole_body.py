@@ -168,7 +168,12 @@ class CollisionSettings(Strict):
     deceleration: Positive | None = None
 
     def build(self, obstacles: Sequence[Obstacle], q0: np.ndarray) -> CollisionAvoidance:
-        """Limit of a robot that is free of collisions at a configuration (nq,)."""
+        """Limit of a robot that is free of collisions at a configuration (nq,).
+
+        Args:
+            obstacles: bodies in the world.
+            q0: the configuration; pairs that overlap there do not count.
+        """
         pairs, distances = PairSelection(links=self.links), (self.clearance, self.influence, self.rate)
         return CollisionAvoidance(*distances, obstacles, pairs, q0, self.deceleration)
 
@@ -194,7 +199,11 @@ class LimitSettings(Strict):
     collision: CollisionSettings | None = None
 
     def build(self, context: ControllerContext) -> list[ControlLimit]:
-        """Limits of a run. Distances count by default if there are obstacles, and the robot has shapes."""
+        """Limits of a run. Distances count by default if there are obstacles, and the robot has shapes.
+
+        Args:
+            context: what the scenario has built so far.
+        """
         items = [item for _, value in self for item in (value if isinstance(value, list) else [value])]
         found: list[ControlLimit] = [item for item in items if isinstance(item, ControlLimit)]
         wanted, geometry = self.collision, context.reduced.robot.collision_model if context.obstacles else None
@@ -269,7 +278,13 @@ class TaskGoals:
         self._postures = [(k, task) for k, task in postures if alone and task.priority == first]
 
     def errors(self, t: float, q: Float[Array, " nq"], v: Float[Array, " nv"] | None = None) -> list[GoalError]:
-        """Return the errors of all tasks at a time [s]; those of quasi-velocities need a velocity."""
+        """Return the errors of all tasks at a time [s]; those of quasi-velocities need a velocity.
+
+        Args:
+            t: the time.
+            q: configuration (nq,).
+            v: velocity (nv,); None if it is not known.
+        """
         errors = (each.error(self._reduced, t, q, v) for each in self._followed)
         found = [each for each in errors if each is not None]
         robot = self._reduced.robot

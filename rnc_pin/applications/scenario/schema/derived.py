@@ -40,6 +40,9 @@ T = typing.TypeVar("T")
 def checked(build: Callable[[], T]) -> T:
     """Return what a function builds. A validator calls it, so that an error has its place in the file.
 
+    Args:
+        build: function without arguments.
+
     Raises:
         ValueError: the function raised an ``RncError``.
     """

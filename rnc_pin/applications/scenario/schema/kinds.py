@@ -128,6 +128,10 @@ _ON_GROUND = (
 def with_ground(given: Sequence[ConstraintKind], ground: _Ground) -> list[ConstraintKind]:
     """Return constraints with a ground for those that have none of their own.
 
+    Args:
+        given: the constraints.
+        ground: ground of the scenario.
+
     Raises:
         ValueError: no constraint rolls on a ground.
     """

@@ -298,7 +298,11 @@ class ScenarioFile(Strict):
         return named if isinstance(named, dict) else {name: self.variants[name] for name in named}
 
     def reduced(self, system: NonholonomicSystem) -> ReducedModel:
-        """System, reduced to the outputs of the file."""
+        """System, reduced to the outputs of the file.
+
+        Args:
+            system: the system of the file.
+        """
         return system.reduce() if self.outputs is None else system.reduce(self.outputs.reducing, self.outputs.vertical)
 
     @model_validator(mode="after")
@@ -328,6 +332,10 @@ class ScenarioFile(Strict):
 def validate(raw: Mapping[str, Json], source: str) -> ScenarioFile:
     """Validate the mapping of a scenario.
 
+    Args:
+        raw: mapping of the scenario, with its options.
+        source: file or part, for messages.
+
     Raises:
         ConfigurationError: one line for the first error: file, key, expected value and found value.
     """
@@ -346,17 +354,31 @@ _Model = TypeVar("_Model", bound=BaseModel)
 
 
 def admitted(model: type[_Model], raw: Mapping[str, Json], source: str) -> _Model:
-    """Validate the mapping of a part of a scenario, like ``validate``."""
+    """Validate the mapping of a part of a scenario, like ``validate``.
+
+    Args:
+        model: class of the part.
+        raw: its mapping.
+        source: file or part, for messages.
+    """
     return validated(model, raw, source, _is_tag)
 
 
 def constraint_of(entry: Mapping[str, Json] | str) -> ConstraintKind:
-    """Constraint of one valid entry of ``constraints``."""
+    """Constraint of one valid entry of ``constraints``.
+
+    Args:
+        entry: the entry.
+    """
     return cast("ConstraintKind", _validator(kinds.ConstraintItem).validate_python(entry))
 
 
 def output_of(entry: Mapping[str, Json]) -> OutputKind:
-    """Output of one valid entry of ``outputs``."""
+    """Output of one valid entry of ``outputs``.
+
+    Args:
+        entry: the entry.
+    """
     return cast("OutputKind", _validator(kinds.OutputItem).validate_python(entry))
 
 

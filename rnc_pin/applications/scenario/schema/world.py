@@ -277,6 +277,10 @@ def absolute_files(raw: Mapping[str, Json], folder: Path, keys: Sequence[str] = 
 def build_obstacles(items: Sequence[_Placed | MapObstacle], folder: Path) -> tuple[Obstacle, ...]:
     """Build the obstacles of a scenario. Paths are relative to ``folder``.
 
+    Args:
+        items: entries of the file.
+        folder: base of relative paths.
+
     Raises:
         ConfigurationError: a mesh or a motion cannot be used, or two obstacles share a name.
     """
