@@ -9,13 +9,14 @@ from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
 from io import BufferedReader
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
 from xml.etree.ElementTree import Element, ParseError, TreeBuilder
 from xml.parsers import expat
 
 import yaml
 
 from rnc_pin.errors import ModelError
+from rnc_pin.io.json import Json
 
 LARGEST = 64 * 2**20
 """Size limit of text and XML files [bytes]."""
@@ -163,7 +164,7 @@ def _mapping(loader: UniqueKeyLoader, node: yaml.MappingNode) -> dict[Hashable, 
 UniqueKeyLoader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping)
 
 
-def load_yaml(text: str, loader: type[BoundedLoader] = UniqueKeyLoader) -> Any:
+def load_yaml(text: str, loader: type[BoundedLoader] = UniqueKeyLoader) -> Json:
     """Parse YAML text.
 
     Args:
