@@ -1,4 +1,9 @@
-"""Factorization of ``E = [A; J2]``; if the default constraint rows become dependent, other rows replace them."""
+"""Factorization of ``E = [A; J2]``; if the default constraint rows become dependent, other rows replace them.
+
+R is the last r columns of ``E^-1``. A state is singular if E stays singular with the best rows: the outputs do not
+parametrise the motion there. This is no error yet. ``ConfigurationEvaluation.E_inverse`` raises ``SingularityError``
+for whoever needs R, and a run ends with ``Outcome.SINGULAR``. The compiled kernel evaluates regular states only.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """Reduced model ``F = H v2dot + V v2 + G`` of any system. Paper (2)-(3), (6)-(7).
 
-The formulas are in ``configuration_evaluation`` and ``state_evaluation``. ``ReducedModel.at`` returns an evaluation
-with all quantities; other methods forward the most common ones.
+``ReducedModel.at`` returns an evaluation with all quantities; other methods forward the most common ones. Formulas of
+q, such as H, are in ``configuration_evaluation``; those of q and v, such as V, G and g*, in ``state_evaluation``. What
+the compiled kernel has filled instead is in ``filled_arrays``, under the same names.
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""Nonholonomic mechanical system: robot, constraints and actuators. Paper (1)."""
+"""Nonholonomic mechanical system: robot, constraints and actuators. Paper (1).
+
+A system decides once which constraint rows are kept, by ``independence.select_independent`` at sampled configurations.
+At a state where the kept rows become dependent, ``factorization`` selects others for this state.
+"""
 
 from __future__ import annotations
 

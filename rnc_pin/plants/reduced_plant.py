@@ -47,6 +47,9 @@ class ReducedPlant(ReprMixin):
     constant rank. After each ``advance`` a projection removes the drift of holonomic rows, such as wheel height and
     loop closure. The correction has zero momentum along the admissible velocities.
 
+    The plant chooses its integrator: ``LieRungeKutta4``, or the exponential method of ``DissipativeStep`` with damping
+    or friction. ``step_control`` chooses the number of steps. A plant clips the inputs that it applies.
+
     Args:
         reduced: reduced model.
         joint_damping: True for the viscous joint damping of the robot's file.
