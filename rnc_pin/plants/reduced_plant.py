@@ -14,10 +14,12 @@ from rnc_pin.model.integrators import DEFAULT_TOLERANCE
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.constrained_dynamics import ConstrainedDynamics, VelocityChart
-from rnc_pin.plants.friction import DissipativeStep, DryFriction
 from rnc_pin.plants.plant import PlantReport
 from rnc_pin.plants.step_control import MOST_EVENT_SUBSTEPS, MOST_SUBSTEPS, IntegrationErrors, Substeps
 from rnc_pin.printing import ReprMixin
+
+if TYPE_CHECKING:
+    from rnc_pin.plants.friction import DissipativeStep
 
 
 class Checkpoint(NamedTuple):
@@ -96,7 +98,12 @@ class ReducedPlant(ReprMixin):
         self.followed = self._substeps.followed
         self.joint_damping, self.actuator_limits, self.joint_friction = joint_damping, actuator_limits, joint_friction
         self.dynamics = ConstrainedDynamics(reduced, joint_damping, actuator_limits)
-        self._dissipative = DissipativeStep(self.dynamics, DryFriction(reduced, joint_friction))
+        self._dissipative: DissipativeStep | None = None
+        dry = joint_friction and (reduced.robot.model.upperDryFrictionLimit > 0).any()
+        if dry or self.dynamics.damping is not None:
+            from rnc_pin.plants.friction import DissipativeStep, DryFriction  # most plants start without it
+
+            self._dissipative = DissipativeStep(self.dynamics, DryFriction(reduced, joint_friction))
         self.errors = IntegrationErrors.initial(self._substeps)
         self.applied = np.zeros(reduced.p)
         self._q: np.ndarray
@@ -205,12 +212,12 @@ class ReducedPlant(ReprMixin):
     @property
     def dissipates(self) -> bool:
         """True if damping or friction is active."""
-        return self.dynamics.damping is not None or len(self._dissipative.friction.limits) > 0
+        return self._dissipative is not None
 
     @property
     def external(self) -> np.ndarray | None:
         """Current generalized forces (nv,) of damping and friction; None without them."""
-        if not self.dissipates:
+        if self._dissipative is None:
             return None
         damped = self.dynamics.damping_force(self.state)
         force = np.zeros(self.reduced.n) if damped is None else damped
@@ -279,8 +286,7 @@ class ReducedPlant(ReprMixin):
         """State after equal steps from the present state."""
         q, y, h = self._q, self._y, dt / steps
         try:
-            mover = self._dissipative if self.dissipates else self.dynamics
-            return _Step(*mover.advance(q, y, self.applied, h, steps))
+            return _Step(*(self._dissipative or self.dynamics).advance(q, y, self.applied, h, steps))
         except DivergenceError as error:
             return _Step(q, y, np.inf, error)
 

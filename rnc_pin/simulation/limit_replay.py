@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal, NamedTuple, get_args
@@ -216,11 +216,15 @@ def replay_limits(
         raise InputError(f"q has {trajectory.q.shape[1]} entries, but nq of the robot is {robot.nq}")
     if not len(trajectory.time):
         raise InputError("the run has no samples")
-    found = [*_positions(robot, trajectory), *_rates(robot, trajectory), *_efforts(robot, trajectory, further.efforts)]
-    found += _accelerations(trajectory, further.accelerations)
+    found = [
+        *_positions(robot, trajectory),
+        *_rates(robot, trajectory),
+        *_efforts(robot, trajectory, further.efforts),
+        *_accelerations(trajectory, further.accelerations),
+    ]
     every = _spaced(trajectory.time, step)
-    time, uses = trajectory.time[every], tuple(use for use, _ in found)
-    excesses = np.array([excess[every] for _, excess in found]).reshape(len(found), len(every)).T
+    time, uses = trajectory.time[every], tuple(each.use(trajectory.time) for each in found)
+    excesses = np.array([each.excess[every] for each in found]).reshape(len(found), len(every)).T
     model = robot.collision_model
     if model is None or not len(model.geometryObjects):
         return LimitReplay(uses, (), (), time, excesses, within)
@@ -277,48 +281,61 @@ def _spaced(time: np.ndarray, step: float) -> np.ndarray:
     return np.flatnonzero(begins)
 
 
-_Use = tuple[LimitUse, np.ndarray]
-"""Use of a limit, and its excess (N,) over time."""
+class _Limited(NamedTuple):
+    """Values (N,) over time with their limits, the range that shares refer to, and the share that is rounding."""
+
+    kind: LimitKind
+    name: str
+    values: np.ndarray
+    lower: float
+    upper: float
+    span: float
+    rounding: float = ROUNDING
+
+    @property
+    def excess(self) -> np.ndarray:
+        """Excess (N,) over the limits, as a share of the range; -1 for values that are not finite."""
+        beyond = np.maximum(self.values - self.upper, self.lower - self.values) / self.span
+        return np.where(np.isfinite(self.values), beyond, -1.0)
+
+    def use(self, time: np.ndarray) -> LimitUse:
+        """Largest use, at times (N,); a limit of an absolute value is positive."""
+        excess = self.excess
+        at = int(excess.argmax())
+        value, limit = float(self.values[at]), self.upper
+        if self.kind in ("position", "acceleration") and self.lower - value > value - self.upper:
+            limit = self.lower
+        return LimitUse(self.kind, self.name, float(excess[at]), float(time[at]), value, limit, self.rounding)
 
 
-def _positions(robot: Robot, run: RunData) -> list[_Use]:
-    model, uses = robot.model, []
+def _positions(robot: Robot, run: RunData) -> Iterator[_Limited]:
+    model = robot.model
     for name, joint in zip(robot.joint_names, list(model.joints)[1:], strict=True):
         if joint.nq != joint.nv:
             continue  # coordinates on a circle or a sphere, or those of a base
         for k in range(joint.idx_q, joint.idx_q + joint.nq):
             low, high = float(model.lowerPositionLimit[k]), float(model.upperPositionLimit[k])
-            if not (-NO_LIMIT < low < high < NO_LIMIT):
-                continue
-            excess = np.maximum(run.q[:, k] - high, low - run.q[:, k]) / (high - low)
-            at = int(excess.argmax())
-            value = float(run.q[at, k])
-            nearest = high if value - low > high - value else low
-            use = LimitUse("position", name, float(excess[at]), float(run.time[at]), value, nearest)
-            uses.append((use, excess))
-    return uses
+            if -NO_LIMIT < low < high < NO_LIMIT:
+                yield _Limited("position", name, run.q[:, k], low, high, high - low)
 
 
-def _rates(robot: Robot, run: RunData) -> list[_Use]:
-    limits = robot.model.upperVelocityLimit
-    return [
-        _symmetric("velocity", name, run.time, run.v[:, k], float(limits[k]))
-        for k, name in enumerate(robot.velocity_names)
-        if 0 < limits[k] < NO_LIMIT
-    ]
+def _rates(robot: Robot, run: RunData) -> Iterator[_Limited]:
+    for k, (name, limit) in enumerate(zip(robot.velocity_names, robot.model.upperVelocityLimit.tolist(), strict=True)):
+        if 0 < limit < NO_LIMIT:
+            yield _Limited("velocity", name, run.v[:, k], -limit, limit, limit)
 
 
-def _efforts(robot: Robot, run: RunData, others: Mapping[str, float]) -> list[_Use]:
-    """Use of the effort limits of driven joints, and of other actuators with stated limits.
+def _efforts(robot: Robot, run: RunData, others: Mapping[str, float]) -> Iterator[_Limited]:
+    """Effort limits of driven joints, and of other actuators with stated limits.
 
     A limit of zero holds where the file states another effort for some joint: nothing can drive this one. Zeros are
     placeholders if the file has no other efforts, or if the velocity limit of the joint is zero too.
     """
-    limits, uses = robot.model.upperEffortLimit, []
+    limits = robot.model.upperEffortLimit
     stated = limits[(limits > 0) & (limits < NO_LIMIT)]
     for column, name in enumerate(run.info.outputs.T):
         if name in others:
-            uses.append(_symmetric("effort", name, run.time, run.T[:, column], others[name]))
+            yield _Limited("effort", name, run.T[:, column], -others[name], others[name], others[name])
         if name not in robot.joint_names:
             continue
         place = robot.velocity_indices(name)
@@ -326,34 +343,16 @@ def _efforts(robot: Robot, run: RunData, others: Mapping[str, float]) -> list[_U
         is_stated = limit > 0 or (limit == 0 and len(stated) > 0 and robot.model.upperVelocityLimit[place.start] > 0)
         if place.stop - place.start == 1 and is_stated and limit < NO_LIMIT:
             span = limit if limit > 0 else float(stated.max())
-            uses.append(_symmetric("effort", name, run.time, run.T[:, column], limit, span))
-    return uses
+            yield _Limited("effort", name, run.T[:, column], -limit, limit, span)
 
 
-def _accelerations(run: RunData, limits: Sequence[LimitedAcceleration]) -> list[_Use]:
-    """Use of limits of acceleration, each at the sample before the change of velocity."""
+def _accelerations(run: RunData, limits: Sequence[LimitedAcceleration]) -> Iterator[_Limited]:
+    """Limits of acceleration, each at the sample before the change of velocity."""
     if len(run.time) < 2:
-        return []
-    spans = np.diff(run.time)
+        return
+    spans = np.diff(run.time, append=np.nan)  # the last sample has no acceleration
     spans[spans <= 0.0] = np.nan  # velocities jump between the samples of an impact
-    rates = {each: np.diff(getattr(run, each), axis=0) / spans[:, None] for each in {each.quantity for each in limits}}
-    found = []
     for name, quantity, column, lower, upper, rounding in limits:
-        values = rates[quantity][:, column]
+        rates = np.diff(run.arrays[quantity][:, column], append=0.0) / spans
         span = max((abs(each) for each in (lower, upper) if 0.0 < abs(each) < np.inf), default=1.0)
-        excess = np.where(np.isfinite(values), np.maximum(values - upper, lower - values) / span, -1.0)
-        at = int(excess.argmax())
-        limit = upper if values[at] - upper > lower - values[at] else lower
-        use = LimitUse("acceleration", name, float(excess[at]), float(run.time[at]), float(values[at]), limit, rounding)
-        found.append((use, np.append(excess, -1.0)))
-    return found
-
-
-def _symmetric(
-    kind: LimitKind, name: str, time: np.ndarray, values: np.ndarray, limit: float, span: float | None = None
-) -> _Use:
-    """Use of a limit of an absolute value; ``span`` is the range that shares refer to, the limit by default."""
-    finite = np.where(np.isfinite(values), np.abs(values), 0.0)
-    at = int(finite.argmax())
-    excess = (finite - limit) / (limit if span is None else span)
-    return LimitUse(kind, name, float(excess[at]), float(time[at]), float(values[at]), limit), excess
+        yield _Limited("acceleration", name, rates, lower, upper, span, rounding)

@@ -19,6 +19,12 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.simulation.run_info import Outcome, OutputNames, RunInfo
 from rnc_pin.verdict import Verdict
 
+TOP_VIEW = "top_view"
+PLOTTED_QUANTITIES = (
+    TOP_VIEW, "rates", "outputs", "errors", "inputs", "estimates", "prediction_error", "normal_forces", "margin",
+)  # fmt: skip
+"""Names that ``Trajectory.plot`` takes besides those of outputs; drawing them is in ``run_figure``."""
+
 
 class Grounds(NamedTuple):
     """Grounds of the verdict about a run, besides its samples. They are in no file.

@@ -1,23 +1,28 @@
 """Figure of a run of any system: its paths from above, and its panels over time.
 
-Paths are those of bodies on the ground, and of frames whose x and y are outputs.
+Paths are those of bodies on the ground, and of frames whose x and y are outputs. Panels are lines that share an axis
+and a unit. To add a panel, add its name to ``PLOTTED_QUANTITIES`` and its function to ``QUANTITIES``. It takes a run
+and the compared runs, and returns panels.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
+from itertools import groupby
+from typing import NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rnc_pin.errors import InputError
+from rnc_pin.errors import InputError, nearest
 from rnc_pin.figures.ground_path import MIN_HALF_SIZE, GroundPath, GroundPaths, draw_paths
-from rnc_pin.figures.panel import MAX_LINES, Labels, Sheet, Size
+from rnc_pin.figures.panel import AXIS_NAMES, INTEGRAL_NAMES, MAX_LINES, Labels, Panel, Series, Sheet, Size, split_names
 from rnc_pin.figures.panel_figure import PlaneView, panel_figure
 from rnc_pin.figures.style import LegendEntry
-from rnc_pin.simulation.run_data import RunData
-from rnc_pin.simulation.run_panels import QUANTITIES, TOP_VIEW, Others, panels
+from rnc_pin.simulation.run_data import PLOTTED_QUANTITIES, TOP_VIEW, RunData, tracking_errors
+from rnc_pin.simulation.run_info import Columns
 
 _ALL = slice(None)
 _SAME_PATH = 1e-3  # largest distance between two paths that count as one, over the extent
@@ -135,3 +140,285 @@ def _label_names(run: RunData, comparisons: Others) -> list[str]:
 
 
 _FIXED = ("time", "desired", "planned path", "goal", "x", "y")
+
+
+_MAX_PANELS = 3  # largest number of panels of one quantity
+_ALWAYS_SHOWN = 6  # number of lines of one quantity that are always shown
+_MIN_ERROR = 1e-8  # smallest value on an error axis
+
+Others: TypeAlias = Mapping[str, RunData]
+_Key = TypeVar("_Key")
+
+
+class _Axis(NamedTuple):
+    """Quantity and unit of an axis."""
+
+    quantity: str
+    unit: str
+
+
+def panels(run: RunData, others: Others | None = None, chosen: Sequence[str] | None = None) -> list[Panel]:
+    """Panels of a run: outputs with references, errors, inputs, estimates, normal forces, singularity margin.
+
+    Args:
+        run: run to show.
+        others: compared runs by label.
+        chosen: names of outputs and of ``QUANTITIES``, in the order of the panels; all by default. The name of a
+            quasi-velocity means its integral; "rates" has the quasi-velocities themselves.
+
+    Raises:
+        InputError: unknown name, or a quantity that the run does not have.
+    """
+    others = others or {}
+    if chosen is None:
+        return [panel for make in QUANTITIES.values() for panel in make(run, others)]
+    shown: list[Panel] = []
+    for is_output, group in groupby(chosen, lambda name: run.info.outputs.find(name) is not None):
+        names = list(group)
+        if is_output:
+            shown += output_panels(run, others, names)
+            continue
+        for name in names:
+            if name not in QUANTITIES:
+                valid = [*run.info.outputs.x2.names, *run.info.outputs.x1.names, *PLOTTED_QUANTITIES]
+                raise InputError(f"outputs: no output '{name}' in the run{nearest(name, valid)}")
+            found = QUANTITIES[name](run, others)
+            if not found:
+                raise InputError(f"outputs: the run has no {name.replace('_', ' ')}")
+            shown += found
+    return shown
+
+
+def output_panels(run: RunData, others: Others, names: Sequence[str] | None = None) -> list[Panel]:
+    """Panels of the outputs with their references, grouped by quantity; of quasi-velocities the integrals.
+
+    Args:
+        run: run to show.
+        others: compared runs by label.
+        names: names of the outputs; all by default, those with goals first.
+    """
+    found = list(names or ())
+    if names is None:  # outputs with goals come first
+        every = (*run.info.outputs.x2.names, *run.info.outputs.x1.names)
+        found = sorted(every, key=lambda name: name not in run.info.goals)
+    shown = []
+    for axis, group in _grouped_by(found, lambda name: _axis(run, name)):
+        most, note = (group, "") if names is not None else _largest_ranges(group, lambda name: _of(run, name), others)
+        shown += _panels_of_outputs(run, others, axis, most, note)
+    return shown
+
+
+def learning_panels(run: RunData, others: Others, quantity: str) -> list[Panel]:
+    """Panels of the controller's parameter estimates ("estimates") or prediction errors ("prediction_error")."""
+    values: np.ndarray = getattr(run, quantity)
+    origin = run.info.provenance
+    known = origin.estimates if quantity == "estimates" else origin.predicted
+    units = {name: _in_si(unit) for name, unit in known.items()}
+    names = list(units) or [f"{quantity} {column}" for column in range(values.shape[1])]
+
+    def column(of: RunData, name: str) -> np.ndarray:
+        scaled: np.ndarray = units.get(name, (1.0, ""))[0] * getattr(of, quantity)[:, names.index(name)]
+        return scaled
+
+    alike = {label: other for label, other in others.items() if getattr(other, quantity).shape == values.shape}
+
+    def series(name: str) -> Series:
+        compared = {label: column(other, name) for label, other in alike.items()}
+        return Series(name, column(run, name), None, compared)
+
+    word = "estimate" if quantity == "estimates" else "prediction error"
+    return _by_axis(names, lambda name: _Axis(word, units.get(name, (1.0, ""))[1] or "-"), series, others)
+
+
+def _split(
+    axis: _Axis, names: Sequence[str], series: Callable[[str], Series], most: int, note: str = ""
+) -> list[Panel]:
+    """Panels of one axis, with at most so many lines each."""
+    return [Panel(*axis, tuple(map(series, part)), note) for part in split_names(names, most)]
+
+
+def _by_axis(
+    names: Sequence[str], axis: Callable[[str], _Axis], series: Callable[[str], Series], others: Others
+) -> list[Panel]:
+    """Panels of series, grouped by the axes of their names."""
+    return [
+        panel
+        for own, group in _grouped_by(names, axis)
+        for panel in _split(own, group, series, _lines_per_panel(others))
+    ]
+
+
+def _in_si(unit: str) -> tuple[float, str]:
+    """Factor of a unit such as "10 kg", and the unit without the factor."""
+    number, _, rest = unit.partition(" ")
+    try:
+        return (float(number), rest) if rest else (1.0, unit)
+    except ValueError:
+        return 1.0, unit
+
+
+# ---------------------------------------------------------------------- outputs
+
+
+def _find_output(run: RunData, name: str) -> tuple[str, Columns, int]:
+    place = run.info.outputs.find(name)
+    if place is None:
+        raise KeyError(name)
+    return place[0], run.info.outputs.of(place[0]), place[1]
+
+
+def _of(run: RunData, name: str) -> np.ndarray:
+    """Values of an output, (N,)."""
+    kind, _, column = _find_output(run, name)
+    values: np.ndarray = getattr(run, kind)[:, column]
+    return values
+
+
+def _largest_ranges(names: Sequence[str], values: Callable[[str], np.ndarray], others: Others) -> tuple[list[str], str]:
+    """Names of the series with the largest range if there are too many, in the given order, and a note about it."""
+    count = max(_ALWAYS_SHOWN, _MAX_PANELS * _lines_per_panel(others))
+    if len(names) <= count:
+        return list(names), ""
+    most = set(sorted(names, key=lambda name: -float(np.ptp(values(name))))[:count])
+    return [name for name in names if name in most], f"{count} of {len(names)}, moving most"
+
+
+def _is_integral(run: RunData, name: str) -> bool:
+    _, columns, column = _find_output(run, name)
+    return columns.is_integral(column)
+
+
+def _axis(run: RunData, name: str) -> _Axis:
+    """Axis of an output."""
+    _, columns, column = _find_output(run, name)
+    unit, integral = columns.units[column], _is_integral(run, name)
+    if any(start <= column < start + 3 for start in columns.rotations):
+        return _Axis("rotation vector", unit)
+    names = INTEGRAL_NAMES if integral else AXIS_NAMES
+    return _Axis(names.get(unit, "integral" if integral else "value"), unit or "-")
+
+
+def _grouped_by(names: Iterable[str], key: Callable[[str], _Key]) -> list[tuple[_Key, list[str]]]:
+    groups: dict[_Key, list[str]] = {}
+    for name in names:
+        groups.setdefault(key(name), []).append(name)
+    return list(groups.items())
+
+
+def _lines_per_panel(others: Others) -> int:
+    """Largest number of lines of the run in a panel, given the lines of the compared runs."""
+    return max(1, MAX_LINES // (1 + len(others)))
+
+
+def _panels_of_outputs(run: RunData, others: Others, axis: _Axis, names: Sequence[str], note: str = "") -> list[Panel]:
+    def series(name: str) -> Series:
+        kind, _, column = _find_output(run, name)
+        desired = getattr(run, f"{kind}_desired")[:, column] if name in run.info.goals else None
+        compared = {
+            each: getattr(other, kind)[:, column]
+            for each, other in others.items()
+            if _has_same_outputs(other, run, kind)
+        }
+        return Series(name, _of(run, name), desired, compared, is_integral=_is_integral(run, name))
+
+    room = _lines_per_panel(others)
+    parts = [list(names)]
+    if len(names) > room:  # outputs with references come first, in panels of their own
+        parts = [[name for name in names if (name in run.info.goals) is wanted] for wanted in (True, False)]
+    return [panel for group in parts for panel in _split(axis, group, series, room, note)]
+
+
+def _has_same_outputs(other: RunData, run: RunData, kind: str) -> bool:
+    """True if another run has the same outputs of this kind."""
+    return other.info.outputs.of(kind).names == run.info.outputs.of(kind).names
+
+
+def _rates(run: RunData, others: Others) -> list[Panel]:
+    """Panels of the quasi-velocities, whose integrals are not coordinates of the robot."""
+    columns = run.info.outputs.x2
+    names = [name for name in columns.names if _is_integral(run, name)]
+    alike = {label: other for label, other in others.items() if _has_same_outputs(other, run, "x2")}
+
+    def series(name: str) -> Series:
+        column = columns.names.index(name)
+        desired = run.v2_desired[:, column]
+        compared = {label: other.v2[:, column] for label, other in alike.items()}
+        return Series(name, run.v2[:, column], desired if np.isfinite(desired).any() else None, compared)
+
+    def axis(name: str) -> _Axis:
+        unit = columns.units[columns.names.index(name)]
+        return _Axis(AXIS_NAMES.get(f"{unit}/s", "rate"), f"{unit or 1}/s")
+
+    return _by_axis(names, axis, series, others)
+
+
+def _errors(run: RunData, others: Others) -> list[Panel]:
+    """Panels of the tracking errors by unit; of many errors only the largest."""
+    errors = tracking_errors(run)
+    compared = {label: tracking_errors(other) for label, other in others.items()}
+    units = {name: _find_output(run, name)[1].units[_find_output(run, name)[2]] for name in errors}
+    found = []
+    for unit, names in _grouped_by(errors, lambda name: units[name]):
+        room = _lines_per_panel(others)
+        largest = sorted(names, key=lambda name: -float(np.nanmax(np.abs(errors[name]), initial=0.0)))[:room]
+        series = []
+        for name in [name for name in names if name in largest]:
+            shown = {label: _magnitude(other[name]) for label, other in compared.items() if name in other}
+            integral = _is_integral(run, name)
+            series.append(Series(name, _magnitude(errors[name]), None, shown, is_integral=integral))
+        # Values far below the errors are only sign changes, so the axis begins above them.
+        bottom = max(_MIN_ERROR, 1e-4 * min(float(np.nanmax(each.values, initial=0.0)) for each in series))
+        note = f"largest {room} of {len(names)}" if len(names) > room else ""
+        found.append(Panel("error", unit or "-", tuple(series), note, log=True, bottom=bottom))
+    return found
+
+
+def _magnitude(error: np.ndarray) -> np.ndarray:
+    """Absolute error plus a small positive value, because a logarithmic axis cannot show zero."""
+    return np.abs(error) + _MIN_ERROR / 1e8
+
+
+# ---------------------------------------------------------------------- inputs, estimates, normal forces, margin
+
+
+def _inputs(run: RunData, others: Others) -> list[Panel]:
+    """Panels of the actuator inputs by unit, without compared runs, which would hide them."""
+    names, units = run.info.outputs.T, run.info.outputs.T_units
+    found = []
+    for unit, group in _grouped_by(names, lambda name: units[names.index(name)] if units else ""):
+        most, note = _largest_ranges(group, lambda name: run.T[:, names.index(name)], {})
+        axis = _Axis(AXIS_NAMES.get(unit, "input"), unit or "-")
+        found += _split(axis, most, lambda name: Series(name, run.T[:, names.index(name)]), MAX_LINES, note)
+    return found
+
+
+def _normal_forces(run: RunData, others: Others) -> list[Panel]:
+    """Panels of the normal forces of the contacts; a contact with a negative force would lift off."""
+    names, forces = run.info.outputs.normal_forces, run.normal_forces
+    found = []
+    for part in split_names(names):
+        columns = [forces[:, names.index(name)] for name in part]
+        lifts = any(float(np.nanmin(column, initial=0.0)) < 0.0 for column in columns)
+        series = tuple(Series(name, column) for name, column in zip(part, columns, strict=True))
+        note = "below zero: would lift off" if lifts else ""
+        found.append(Panel("normal force", "N", series, note, bottom=None if lifts else 0.0))
+    return found
+
+
+def _margin(run: RunData, others: Others) -> list[Panel]:
+    compared = {label: other.singular_value for label, other in others.items()}
+    series = Series("singularity margin", run.singular_value, None, compared)
+    return [Panel("singularity margin", "-", (series,), bottom=0.0)]
+
+
+QUANTITIES: dict[str, Callable[[RunData, Others], list[Panel]]] = {
+    "rates": _rates,
+    "outputs": output_panels,
+    "errors": _errors,
+    "inputs": _inputs,
+    "estimates": partial(learning_panels, quantity="estimates"),
+    "prediction_error": partial(learning_panels, quantity="prediction_error"),
+    "normal_forces": _normal_forces,
+    "margin": _margin,
+}
+"""Panels by the name that chooses them, in the order of the overview."""

@@ -13,8 +13,7 @@ from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.motion.whole_body.limit_stack import ContactCones
 from rnc_pin.simulation import judge
-from rnc_pin.simulation.preflight import friction_demand
-from rnc_pin.simulation.rollout import RolloutEvaluation
+from rnc_pin.simulation.preflight import RolloutEvaluation, friction_demand
 from simple_controllers import Inputs
 from systems import rolling_base
 from textbook_systems import BLADE, PLACES, WHEEL, G, cart_robot

@@ -15,8 +15,7 @@ from browsing import give_up
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.figures import save
-from rnc_pin.simulation.run_figure import plot_run
-from rnc_pin.simulation.run_panels import learning_panels, panels
+from rnc_pin.simulation.run_figure import learning_panels, panels, plot_run
 from rnc_pin.visualization import recording as capture
 from rnc_pin.visualization.plots import draw_footprints, footprints, plot_top_view
 from rnc_pin.visualization.recording import Recording
