@@ -168,12 +168,16 @@ def _arrange(cells: Sequence[_Cell], grid: Grid, tops: Sequence[float], height: 
             cell.axes.set_position((start / width, 1.0 - end / whole, across / width, down / whole))
             cell.axes.apply_aspect()
 
-    # First with room for a label of usual size, to measure the numbers; then with the room that they need.
-    place(LABEL_ROOM)
-    ticks = max(cell.ticks() for cell in cells) + _PAD
+    # First with room for a label of usual size, to measure the numbers; then with the room that they need. With equal
+    # scales, this room changes the limits and perhaps the numbers: they are measured once more.
     lines = max(1 + cell.axes.get_ylabel().count("\n") for cell in cells)
     label_line = 1.35  # width of a line of a label
-    place(ticks + label_line * lines + _PAD)
+    left, ticks = LABEL_ROOM, 0.0
+    for _ in range(1 + any(cell.axes.get_aspect() != "auto" for cell in cells)):
+        place(left)
+        ticks = max(ticks, *(cell.ticks() + _PAD for cell in cells))
+        left = ticks + label_line * lines + _PAD
+    place(left)
     numbers_height = 1.9  # of the time
     for cell in cells:
         across, down = (cell.in_text(pixels) for pixels in cell.axes.bbox.size)

@@ -138,3 +138,11 @@ def test_quantities_are_chosen_by_name(drive):
             drive.plot([name])
     with pytest.raises(rnc.InputError, match="expected at least one name"):
         drive.plot([])
+
+
+def test_a_label_stands_beside_the_numbers_that_equal_scales_choose(drive):
+    (axes,) = drive.plot("top_view", size=(7.8, 3.2)).axes
+    axes.figure.draw_without_rendering()
+    label = axes.yaxis.label.get_window_extent()
+    axes.yaxis.label.set_visible(False)
+    assert label.x1 <= axes.yaxis.get_tightbbox().x0 + PIXEL
