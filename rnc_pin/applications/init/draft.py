@@ -25,20 +25,8 @@ from rnc_pin.applications.init.scenario_candidate import ScenarioCandidate
 from rnc_pin.applications.init.source import DraftOptions, Source, with_choices
 from rnc_pin.applications.init.start_values import start_values
 from rnc_pin.applications.init.trial import Trial
-from rnc_pin.applications.init.wheel_detection import (
-    Wheel,
-    find_raised_wheels,
-    find_virtual_joints,
-    find_wheels,
-    stand_below_body,
-)
-from rnc_pin.applications.init.wheel_layout import (
-    WheelLayout,
-    classify_wheels,
-    find_crossed_wheels,
-    find_drawn_axles,
-    find_drawn_wheels,
-)
+from rnc_pin.applications.init.wheel_detection import Wheel, WheelSearch
+from rnc_pin.applications.init.wheel_layout import WheelLayout, classify_wheels
 from rnc_pin.applications.init.wheeled_base import knife_edge_base, wheeled_base
 from rnc_pin.errors import ConfigurationError, ModelError, ModelWarning, RncError
 from rnc_pin.verdict import Finding, FindingKind
@@ -51,6 +39,7 @@ class BaseEvidence:
     Attributes:
         at_start: the robot.
         source: its file, with the user's choices.
+        crossed: joints across the cylinders that they turn, as mistakes of the file.
         layout: wheels on which it stands, by their function.
         axles: axles that are only drawn, if no wheel has a joint.
         drawn: wheels that are only drawn on pivots, beside such axles.
@@ -60,6 +49,7 @@ class BaseEvidence:
 
     at_start: RobotAtStart
     source: Source
+    crossed: list[str]
     layout: WheelLayout
     axles: list[Wheel]
     drawn: WheelLayout
@@ -91,6 +81,14 @@ class BaseEvidence:
         """True if there are none, or only disks at right angles that do not carry the base."""
         return not self.layout.wheels or bool(self.layout.fixed and not self.layout.steered and not self.is_cart)
 
+    def complete(self, mobility: BaseAssumptions) -> None:
+        """Add the doubts about crossed axes, and lock the joints that nothing drives."""
+        for each in self.crossed:
+            mobility.doubts.append((each, 0.0, f"the axis of joint {each} is across that of its drawn cylinder"))
+        if loose := self.at_start.loose:
+            mobility.lock.update(loose)
+            mobility.notes.append(f"locked, because nothing drives them: {', '.join(loose)}")
+
     def without_wheels(self, base: str | None, why: str = "asked for") -> BaseAssumptions:
         """Return the assumptions without wheels, on a base or on the likely one."""
         return other_bases.without_wheels(self.at_start, base, self.source.mass_of_base, why)
@@ -113,7 +111,7 @@ BASE_KINDS = (
     ),
     BaseKind(
         lambda e: e.asked is None and e.layout.is_on_one_track and not e.layout.is_bicycle,
-        lambda e: other_bases.refuse_one_track(e.layout, find_crossed_wheels(e.at_start)),
+        lambda e: other_bases.refuse_one_track(e.layout, e.crossed),
         is_last=True,
     ),
     BaseKind(lambda e: _is_yes(e.balance), lambda e: other_bases.balancing_base(e.layout, e.at_start, e.decided)),
@@ -215,7 +213,7 @@ def _tried(name: str, folder: Path, choices: DraftOptions, decided: Iterable[Dra
             begun = len(heard)
             try:
                 mobility = kind.draft(evidence)
-                _complete(mobility, evidence.at_start)
+                evidence.complete(mobility)
                 attempt = ScenarioCandidate(mobility, source, evidence.at_start, folder)
                 mobility.notes += [*source.remarks, *failures]
                 mobility.decisions += decided
@@ -247,15 +245,6 @@ def _tried(name: str, folder: Path, choices: DraftOptions, decided: Iterable[Dra
     raise ConfigurationError(f"no scenario can be drafted for '{called}': {failures[0]}; {hint}")
 
 
-def _complete(mobility: BaseAssumptions, at_start: RobotAtStart) -> None:
-    """Add the doubts about crossed axes, and lock the joints that nothing drives."""
-    for each in find_crossed_wheels(at_start):
-        mobility.doubts.append((each, 0.0, f"the axis of joint {each} is across that of its drawn cylinder"))
-    if at_start.loose:
-        mobility.lock.update(at_start.loose)
-        mobility.notes.append(f"locked, because nothing drives them: {', '.join(at_start.loose)}")
-
-
 def _messages(heard: Iterable[warnings.WarningMessage]) -> list[str]:
     return [str(each.message) for each in heard if issubclass(each.category, ModelWarning)]
 
@@ -266,35 +255,25 @@ def _evidence(source: Source) -> BaseEvidence:
     source.remember_packages(robot)
     drives, options = source.drive_evidence(robot), source.options
     at_start = RobotAtStart(robot, start_values(robot), source.names(), drives, not source.is_mjcf, is_rigid)
-    layout, axles, drawn = WheelLayout(), list[Wheel](), WheelLayout()
+    search = WheelSearch(at_start)
+    wheels, axles, shapes = list[Wheel](), list[Wheel](), list[Wheel]()
     if options.base in (None, "planar"):
-        wheels, axles, shapes = _found_wheels(at_start, source)
-        drawn = classify_wheels(shapes, drives)
-        least = 3  # drawn wheels on which a robot without other wheels stands
-        if wheels or (len(shapes) >= least and not axles):
-            layout = _layout([*wheels, *shapes], at_start, options)
+        wheels = search.standing
+        source.hold(search.virtual, "virtual wheels move no shape and nearly no mass")
+        if other_bases.is_called_afloat(at_start) and not search.stands_below_body:
+            wheels = []
+        if wheels or not (other_bases.moves_over_ground(at_start) or at_start.own_planar_joints):
+            axles = [] if wheels else search.drawn_axles
+            shapes = search.drawn_wheels(wheels or axles)
+    layout, least = WheelLayout(), 3  # drawn wheels on which a robot without other wheels stands
+    if wheels or (len(shapes) >= least and not axles):
+        called = wheels_called_omni(standing := [*wheels, *shapes], at_start) if options.rollers is None else []
+        sliding = called if len(called) < len(standing) else []
+        layout = classify_wheels(standing, drives, search.raised if wheels else (), sliding)
+        if layout.steered and not (layout.fixed or layout.is_swerve or layout.is_turret):
+            # Drawn axles guide a base whose wheels only steer.
+            layout.fixed += (axle for axle in search.drawn_axles if axle.joint == at_start.root_joint)
     balance = other_bases.balance_decision(layout, at_start, options.balance) if options.base is None else None
     rollers = rollers_decision(layout, at_start, options.rollers)
-    return BaseEvidence(at_start, source, layout, axles, drawn, balance, rollers)
-
-
-def _found_wheels(at_start: RobotAtStart, source: Source) -> tuple[list[Wheel], list[Wheel], list[Wheel]]:
-    """Return wheels with a joint, axles that are only drawn if there are none, and wheels that are only drawn."""
-    wheels = find_wheels(at_start)
-    source.hold(find_virtual_joints(at_start), "virtual wheels move no shape and nearly no mass")
-    if other_bases.is_called_afloat(at_start) and not stand_below_body(wheels, at_start):
-        wheels = []
-    if not wheels and (other_bases.moves_over_ground(at_start) or at_start.own_planar_joints):
-        return [], [], []
-    axles = [] if wheels else find_drawn_axles(at_start)
-    return wheels, axles, find_drawn_wheels(at_start, wheels or axles)
-
-
-def _layout(wheels: list[Wheel], at_start: RobotAtStart, options: DraftOptions) -> WheelLayout:
-    """Return wheels by their function; drawn axles guide a base whose wheels only steer."""
-    called = wheels_called_omni(wheels, at_start) if options.rollers is None else []
-    sliding = called if len(called) < len(wheels) else []
-    layout = classify_wheels(wheels, at_start.drives, find_raised_wheels(at_start, wheels), sliding)
-    if layout.steered and not (layout.fixed or layout.is_swerve or layout.is_turret):
-        layout.fixed += (axle for axle in find_drawn_axles(at_start) if axle.joint == at_start.root_joint)
-    return layout
+    drawn = classify_wheels(shapes, drives)
+    return BaseEvidence(at_start, source, search.crossed, layout, axles, drawn, balance, rollers)

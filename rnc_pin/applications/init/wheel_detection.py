@@ -1,9 +1,14 @@
-"""Detection of wheels: round shapes about a horizontal axle at the ground; names only help."""
+"""Detection of wheels: round shapes about a horizontal axle at the ground; names only help.
+
+Axles and wheels that are only drawn, without a joint about their axle, are knife edges without side slip.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import itertools
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
@@ -26,7 +31,6 @@ from rnc_pin.applications.init.robot_at_start import (
 from rnc_pin.io import Json
 
 UPRIGHT = 1e-5  # horizontal part of a unit axis below which a pivot is vertical up to rounding
-_SIZES = (0.003, 1.5)  # plausible radii if no shape gives one [m]
 _WHEEL = ".*wheel|wheel.*|tire|tyre|.*caster|caster.*|.*castor|castor.*"
 _NO_WHEEL = "reaction_wheel|flywheel|momentum_wheel|steering_?wheel|rotor|propeller|prop|pulley|gear|spider"
 
@@ -63,30 +67,38 @@ class Wheel:
     Attributes:
         joint: joint name; of a wheel that is only drawn, the joint that carries it.
         frame: frame fixed to the wheel, with its origin at the center.
-        radius: radius [m].
-        measured: source of the radius: "collision" or "visual" geometry, "height" of the axle or "inertia".
         center: center in the world frame (3,) [m].
         axle: axle direction in the world frame (3,).
+        radius: radius [m]; 0 before it is measured.
+        bottom: height of the lowest point [m].
+        measured: source of the radius: "collision" or "visual" geometry, "height" of the axle or "inertia".
+        is_ball: True if the wheel is a sphere.
         pivots: nearly vertical joints between the wheel and the base, the nearest to the wheel first.
         carriers: other joints between the wheel and the base that move the wheel.
         rollers: joints of the rollers on the rim.
-        is_ball: True if the wheel is a sphere.
         edge: settings of the knife edge that stands for a wheel without a joint about its axle; else None.
         imbalance: distance of its center of mass from the axle [m].
+        is_named: True if its joint or link has the name of a wheel.
+        is_doubtful: True if its name means another part: it is a wheel if its shape stands on the ground of others.
+        turns_once: True if its limits permit one turn, as those of a wrist: doubtful too, but for a pair on one axle.
     """
 
     joint: str
     frame: str
-    radius: float
-    measured: str
     center: np.ndarray
     axle: np.ndarray
+    radius: float = 0.0
+    bottom: float = 0.0
+    measured: str = ""
+    is_ball: bool = False
     pivots: tuple[Pivot, ...] = ()
     carriers: tuple[str, ...] = ()
     rollers: tuple[str, ...] = ()
-    is_ball: bool = False
     edge: Mapping[str, Json] | None = None
     imbalance: float = 0.0
+    is_named: bool = False
+    is_doubtful: bool = False
+    turns_once: bool = False
 
     @property
     def heading(self) -> np.ndarray:
@@ -94,87 +106,371 @@ class Wheel:
         along = np.cross(self.axle, [0.0, 0.0, 1.0])
         return np.asarray(along / np.linalg.norm(along))
 
-    def is_beside(self, other: Wheel) -> bool:
-        """Return whether the same joints carry another wheel."""
-        chains = [(*each.carriers, *(pivot.joint for pivot in each.pivots)) for each in (self, other)]
-        return chains[0] == chains[1]
-
     @property
     def names(self) -> tuple[str, ...]:
         """Names of joint, frame and nearest pivot."""
         return self.joint, self.frame, *(each.joint for each in self.pivots[:1])
 
+    @property
+    def is_shaped(self) -> bool:
+        """True if its radius is that of a shape."""
+        return self.measured in GEOMETRY
 
-@dataclass(frozen=True)
-class _Candidate:
-    index: int
-    frame: str
-    axle: np.ndarray
-    center: np.ndarray
-    named: bool
-    doubtful: bool
-    """True if its name means another part: it is a wheel if its shape stands on the ground of other wheels."""
-    turns_once: bool
-    """True if its limits permit one turn, as those of a wrist: it is doubtful too, but for a pair on one axle line."""
-    parts: dict[str, list[Shape]]
-    rollers: tuple[int, ...]
+    def touches(self, ground: float) -> bool:
+        """Return whether it reaches down to a height [m]; a radius that was not measured may be half as large."""
+        return self.bottom - ground < (NEAR if self.is_shaped else 1.0) * self.radius
 
+    def is_in_line_with(self, other: Wheel) -> bool:
+        """Return whether it is on the axle line of another wheel, which has a radius."""
+        beside = across(self.center - other.center, other.axle)
+        is_parallel = np.linalg.norm(np.cross(self.axle, other.axle)) < ALIGNED
+        return bool(is_parallel and np.linalg.norm(beside) < placed(other.radius))
 
-def find_wheels(at_start: RobotAtStart) -> list[Wheel]:
-    """Return the wheels that touch the ground."""
-    found, unmeasured = _measured_wheels(at_start)
-    wheels = _on_the_ground(found, at_start.shapes["collision"] or at_start.shapes["visual"], at_start.root)
-    for candidate in unmeasured if wheels else ():  # their radius is their height above the common ground
-        ground = min(wheel.center[2] - wheel.radius for wheel in wheels)
-        height = float(candidate.center[2] - ground)
-        if _is_plausible(height) and height < 2 * max(wheel.radius for wheel in wheels):
-            wheels.append(_wheel(at_start, candidate, _Size(height, ground, "height")))
-    carriers = {joint for wheel in wheels for joint in wheel.carriers}
-    return [wheel for wheel in wheels if wheel.joint not in carriers]
+    def is_like(self, other: Wheel) -> bool:
+        """Return whether two disks on one body, which turn once, are equal and side by side on one axle line."""
+        chains = [(*each.carriers, *(pivot.joint for pivot in each.pivots)) for each in (self, other)]
+        equal = abs(other.radius - self.radius) < ALIGNED * other.radius and chains[0] == chains[1]
+        return self.turns_once and other.turns_once and equal and self.is_in_line_with(other)
 
 
-def find_virtual_joints(at_start: RobotAtStart) -> list[str]:
-    """Return joints at the height of axles that move no shape and nearly no mass beside a wheel: virtual wheels.
+class WheelSearch:
+    """Wheels of a robot, and what is drawn as a wheel.
 
-    Controllers of steered bases ask for such a wheel in the middle of each axle, and for a pivot above it.
+    Args:
+        at_start: the robot.
+
+    Attributes:
+        virtual: joints at the height of axles that move no shape and nearly no mass beside a wheel: virtual wheels.
+            Controllers of steered bases ask for such a wheel in the middle of each axle, and for a pivot above it.
+        standing: wheels with a joint that touch the ground.
+        raised: round bodies above the ground in the plane of several wheels: sprockets and idlers of a track.
     """
-    model, data = at_start.robot.model, at_start.data
-    wheels = [each for each in _candidates(at_start) if any(each.parts.values())]
-    shaped = {shape.joint for every in at_start.shapes.values() for shape in every}
-    shaped = shaped.union(*(joints_without_mesh(at_start.robot, kind) for kind in GEOMETRY))
-    lightest = min((float(model.inertias[each.index].mass) for each in wheels), default=0.0)
-    found = []
-    virtual = 0.01  # largest mass of a virtual wheel, as a share of that of a wheel
-    for joint in range(at_start.root + 1, model.njoints):
-        behind = [int(each) for each in model.subtrees[joint]]
-        level = any(abs(data.oMi[joint].translation[2] - each.center[2]) < PLACED for each in wheels)
-        mass = sum(model.inertias[each].mass for each in behind)
-        if level and model.joints[joint].nv == 1 and not shaped & {*behind} and mass < virtual * lightest:
-            found.append(str(model.names[joint]))
-    return found
+
+    def __init__(self, at_start: RobotAtStart) -> None:
+        self._at_start, self._model, self._data = at_start, at_start.robot.model, at_start.data
+        candidates = list(self._candidates())
+        self.virtual = self._virtual_joints([each for each in candidates if self._parts(each)])
+        found, named = self._measured([each for each in candidates if each.joint not in self.virtual])
+        standing = self._on_the_ground(found)
+        ground = min((wheel.center[2] - wheel.radius for wheel in standing), default=0.0)
+        for each in named if standing else ():  # their radius is their height above the common ground
+            height = float(each.center[2] - ground)
+            if _is_plausible(height) and height < 2 * max(wheel.radius for wheel in standing):
+                standing.append(self._sized(each, height, ground, "height"))
+        carriers = {joint for wheel in standing for joint in wheel.carriers}
+        self.standing = [wheel for wheel in standing if wheel.joint not in carriers]
+        in_plane = 3  # smallest number of wheels on the ground in the plane of a sprocket
+        at_ground = {wheel.joint for wheel in self.standing}
+        self.raised = [
+            other
+            for other in found
+            if other.is_shaped
+            and other.joint not in at_ground
+            and sum(_are_in_plane(other, wheel) for wheel in self.standing) >= in_plane
+        ]
+
+    @property
+    def stands_below_body(self) -> bool:
+        """True if wheels have shapes that reach below all other parts, as propellers and thrusters do not."""
+        own = {self._model.getJointId(wheel.joint) for wheel in self.standing}
+        others = [shape.bottom for every in self._at_start.shapes.values() for shape in every if shape.joint not in own]
+        lowest = min(others, default=np.inf)
+        return any(
+            wheel.is_shaped and wheel.center[2] - wheel.radius < lowest - ALIGNED * wheel.radius
+            for wheel in self.standing
+        )
+
+    # ------------------------------------------------------------------ joints about an axle
+
+    def _candidates(self) -> Iterator[Wheel]:
+        """Yield continuous joints with a horizontal axis and no child joints except rollers, without a radius."""
+        model = self._model
+        turns = 4 * np.pi  # a joint with a larger range can be a wheel, like a continuous one; wrists have less [rad]
+        for index in range(self._at_start.root + 1, model.njoints):
+            if model.joints[index].nv != 1:
+                continue
+            joint, axle = str(model.names[index]), turning_axis(model, self._data, index)
+            frame, center = self._on_axle(index, axle)
+            links = self._at_start.robot.links_of(index)
+            named = any(has_word(_WHEEL, name) and not has_word(_NO_WHEEL, name) for name in (joint, *links))
+            rollers = [int(each) for each in model.children[index]]
+            if not self._are_rollers(rollers, center, axle):
+                if not named:
+                    continue
+                rollers = []  # a named wheel can carry gears and hubs
+            travel = float(np.ptp(joint_limits(self._at_start.robot, joint)))
+            once = not named and travel <= (1 + SAME) * turns
+            if np.linalg.norm(axle) < 0.5 or abs(axle[2]) > LEVEL or (once and travel < _ROUND):
+                continue
+            lever = self._data.oMi[index].rotation @ model.inertias[index].lever
+            yield Wheel(
+                joint,
+                frame,
+                center,
+                axle,
+                rollers=tuple(str(model.names[each]) for each in rollers),
+                imbalance=float(np.linalg.norm(across(lever, axle))),
+                is_named=named,
+                is_doubtful=not named and has_word(_NO_WHEEL, joint, frame),
+                turns_once=once,
+            )
+
+    def _on_axle(self, joint: int, axle: np.ndarray) -> tuple[str, np.ndarray]:
+        """Frame of a wheel and its position (3,): a link on the axle with a wheel's name, or the joint's body frame."""
+        origin = self._data.oMi[joint].translation
+        on_axle = 1e-4  # largest distance of a wheel's frame from its axle [m]: one that is farther away is eccentric
+        for index, frame in enumerate(self._model.frames):
+            called = frame.parentJoint == joint and frame.type == pin.FrameType.BODY and has_word(_WHEEL, frame.name)
+            if called and np.abs(across(self._data.oMf[index].translation - origin, axle)).max() < on_axle:
+                return str(frame.name), self._data.oMf[index].translation.copy()
+        return body_frame(self._at_start.robot, joint), origin.copy()
+
+    def _are_rollers(self, joints: list[int], center: np.ndarray, axle: np.ndarray) -> bool:
+        """True if child joints stand on a rim about the axle; side gears of a differential are on the axle itself."""
+        if not joints:
+            return True
+        leaves = all(self._model.joints[each].nv == 1 and not len(self._model.children[each]) for each in joints)
+        away = np.array([across(self._data.oMi[each].translation - center, axle) for each in joints])
+        distances = np.linalg.norm(away, axis=1)
+        rollers = 4  # smallest number of child joints on a rim that are rollers
+        return len(joints) >= rollers and leaves and bool(distances.min() > 0.5 * distances.max())
+
+    def _parts(self, wheel: Wheel) -> dict[str, list[Shape]]:
+        """Shapes of a wheel and its rollers by their geometry, without geometry that has none."""
+        behind = {self._model.getJointId(each) for each in (wheel.joint, *wheel.rollers)}
+        found = {
+            kind: [each for each in every if each.joint in behind] for kind, every in self._at_start.shapes.items()
+        }
+        return {kind: parts for kind, parts in found.items() if parts}
+
+    def _virtual_joints(self, wheels: Sequence[Wheel]) -> list[str]:
+        model = self._model
+        shaped = {shape.joint for every in self._at_start.shapes.values() for shape in every}
+        shaped = shaped.union(*(joints_without_mesh(self._at_start.robot, kind) for kind in GEOMETRY))
+        masses = (float(model.inertias[model.getJointId(each.joint)].mass) for each in wheels)
+        virtual = 0.01 * min(masses, default=0.0)  # largest mass of a virtual wheel, as a share of that of a wheel
+        found = []
+        for joint in range(self._at_start.root + 1, model.njoints):
+            behind = [int(each) for each in model.subtrees[joint]]
+            level = any(abs(self._data.oMi[joint].translation[2] - each.center[2]) < PLACED for each in wheels)
+            mass = sum(model.inertias[each].mass for each in behind)
+            if level and model.joints[joint].nv == 1 and not shaped & {*behind} and mass < virtual:
+                found.append(str(model.names[joint]))
+        return found
+
+    # ------------------------------------------------------------------ radii
+
+    def _measured(self, candidates: Sequence[Wheel]) -> tuple[list[Wheel], list[Wheel]]:
+        """Wheels on the ground and above it with a radius, and those that are only named."""
+        found: list[Wheel] = []
+        named: list[Wheel] = []
+        bare: list[Wheel] = []  # without shapes, a wheel's name and a round inertia
+        rollers = {each for candidate in candidates for each in candidate.rollers}
+        for candidate in (each for each in candidates if each.joint not in rollers):
+            wheel = self._with_radius(candidate)
+            if wheel is not None:
+                doubtful = wheel.is_doubtful or wheel.turns_once
+                found += [replace(wheel, is_doubtful=doubtful)] if wheel.is_shaped or not doubtful else []
+            elif candidate.is_named:
+                named.append(candidate)
+            elif not self._parts(candidate):
+                bare.append(candidate)
+        for candidate in bare:
+            mate = next((each for each in found if self._are_mates(candidate, each)), None)
+            if mate is not None:
+                found.append(self._sized(candidate, mate.radius, float(candidate.center[2]) - mate.radius, "height"))
+        pairs = {one.joint for one, other in itertools.permutations(found, 2) if one.is_like(other)}
+        return [replace(each, is_doubtful=False) if each.joint in pairs else each for each in found], named
+
+    def _are_mates(self, candidate: Wheel, wheel: Wheel) -> bool:
+        """True for a body of a wheel's mass on its axle line, on the same body: the other wheel of an axle."""
+        one, other = (self._model.getJointId(each.joint) for each in (candidate, wheel))
+        masses = [self._model.inertias[each].mass for each in (one, other)]
+        same_mass = abs(masses[0] - masses[1]) < ALIGNED * masses[1]
+        return candidate.is_in_line_with(wheel) and same_mass and self._model.parents[one] == self._model.parents[other]
+
+    def _with_radius(self, candidate: Wheel) -> Wheel | None:
+        """Return a candidate with its radius, or None if it is no wheel.
+
+        Sources of the radius, in order: its shapes, its height above a floor in the file, its inertia, its height above
+        the base's origin.
+        """
+        widest = 8.0  # largest width of a wheel, in radii
+        every = self._parts(candidate)
+        for kind, parts in every.items():
+            disk = fitted_disk(parts, candidate.center, candidate.axle)
+            if disk is not None and disk.width < widest * disk.radius:
+                is_ball = all(len(part.points) == 1 for part in parts)
+                return replace(self._sized(candidate, disk.radius, disk.bottom, kind), is_ball=is_ball)
+        spun = self._radius_from_inertia(candidate)
+        if not candidate.is_named and (spun is None or every):
+            return None
+        floor, axle_height = self._floor, float(candidate.center[2])
+        height = axle_height - (floor or 0.0)
+        if floor is not None and _is_plausible(height):
+            return self._sized(candidate, height, floor, "height")
+        if spun is not None and not (_is_plausible(height) and 0.7 < height / spun < 1.4):
+            return self._sized(candidate, spun, axle_height - spun, "inertia")
+        return self._sized(candidate, height, 0.0, "height") if _is_plausible(height) else None
+
+    def _sized(self, wheel: Wheel, radius: float, bottom: float, measured: str) -> Wheel:
+        """Return a wheel with its radius [m], the height of its lowest point [m], and the joints that carry it."""
+        carried = replace(wheel, radius=radius, bottom=bottom, measured=measured)
+        return self._carried(carried, self._model.parents[self._model.getJointId(wheel.joint)])
+
+    def _radius_from_inertia(self, candidate: Wheel) -> float | None:
+        """Radius [m] of the solid disk with this inertia, or None if the inertia is not axisymmetric."""
+        joint = self._model.getJointId(candidate.joint)
+        inertia = self._model.inertias[joint]
+        if inertia.mass <= 0:
+            return None
+        axle, tensor = self._data.oMi[joint].rotation.T @ candidate.axle, inertia.inertia
+        about = float(axle @ tensor @ axle)
+        moments = np.linalg.eigvalsh(tensor - about * np.outer(axle, axle))
+        moments = np.delete(moments, int(np.argmin(np.abs(moments))))  # moments about axes normal to the axle
+        radius = float(np.sqrt(max(2 * about / inertia.mass, 0.0)))
+        is_round = moments[0] > 0 and moments[1] < 1.15 * moments[0] and candidate.imbalance < 0.2 * radius
+        return radius if is_round and _is_plausible(radius) else None
+
+    @cached_property
+    def _floor(self) -> float | None:
+        """Height of the base's footprint frame [m], or None."""
+        heights = [
+            float(self._data.oMf[index].translation[2])
+            for index, frame in enumerate(self._model.frames)
+            if frame.parentJoint <= self._at_start.root and has_word("footprint", frame.name)
+        ]
+        return min(heights, default=None)
+
+    def _on_the_ground(self, found: Sequence[Wheel]) -> list[Wheel]:
+        """Wheels that touch the common ground, which the wheels with names tell, else the lowest shapes."""
+        shapes = self._at_start.shapes["collision"] or self._at_start.shapes["visual"]
+        named = [each for each in found if each.is_named]
+        sure = [each for each in named if each.is_shaped] or named
+        if sure:
+            unnamed = [each for each in found if each.is_shaped and not each.is_doubtful]  # a spare may have the name
+            ground = min(each.bottom for each in (*sure, *unnamed))
+            lowest = min((shape.bottom for shape in shapes), default=ground)
+            level = sum(each.touches(ground) for each in sure)  # a fork or a skirt can be lower than two wheels
+            if level < 2 and lowest < ground - 2 * max(each.radius for each in sure):
+                return []  # named wheels, but above the ground
+        else:
+            bottoms = [shape.bottom for shape in shapes if shape.joint <= self._at_start.root]
+            ground = min([*bottoms, *(each.bottom for each in found if not each.is_doubtful)], default=0.0)
+        standing = [each for each in found if each.touches(ground)]
+        return standing if any(not each.is_doubtful for each in standing) else []
+
+    def _carried(self, wheel: Wheel, joint: int) -> Wheel:
+        """Return a wheel with the pivots and other carriers between it and the base, from a joint on."""
+        data, pivots, carriers = self._data, list[Pivot](), list[str]()
+        steers = 0.5  # smallest vertical part of a unit swivel axis: forks lean, those of choppers by 50 degrees
+        while joint > self._at_start.root and self._model.joints[joint].nv == 1:
+            name, axis = str(self._model.names[joint]), turning_axis(self._model, data, joint)
+            point = data.oMi[joint].translation.copy()
+            parallel = axis.any() and np.abs(across(axis, wheel.axle)).max() < ALIGNED
+            if parallel and np.abs(across(wheel.center - point, axis)).max() < placed(wheel.radius):
+                pass  # a gear on the same axle rotates the wheel but does not move it
+            elif abs(axis[2]) > steers:
+                free = float(np.ptp(joint_limits(self._at_start.robot, name))) >= _ROUND
+                pivots.append(Pivot(name, int(joint), point, axis * np.sign(axis[2]), free))
+            else:
+                carriers.append(name)
+            joint = self._model.parents[joint]
+        return replace(wheel, pivots=tuple(pivots), carriers=tuple(carriers))
+
+    # ------------------------------------------------------------------ disks without a joint about their axle
+
+    @cached_property
+    def drawn_axles(self) -> list[Wheel]:
+        """Pairs of coaxial horizontal disks at the ground on one body, each as one wheel that is only drawn."""
+        axles: list[Wheel] = []
+        disks = [each for each in self._at_start.drawn if each.is_disk and abs(each.axis[2]) < LEVEL]
+        for one, other in itertools.permutations(disks, 2):
+            between = other.middle - one.middle
+            apart, radius = np.linalg.norm(between), one.radius
+            level = one.bottom - self._at_start.ground < NEAR * radius
+            aligned = apart > radius and abs(between @ one.axis) > (1 - 0.5 * ALIGNED) * apart
+            equal = one.joint == other.joint and abs(radius - other.radius) <= 0.1 * radius
+            if one.name < other.name and level and aligned and equal:
+                center = (one.middle + other.middle) / 2
+                wheel = self._drawn(one.joint, radius, center, one.axis, max(PLACED, 0.2 * radius))
+                if wheel is not None and all(wheel.frame != each.frame for each in axles):
+                    axles.append(wheel)
+        return axles
+
+    def drawn_wheels(self, wheels: Collection[Wheel]) -> list[Wheel]:
+        """Return disks on the ground that a pivot turns, and no joint about their axle: wheels that only steer.
+
+        Args:
+            wheels: wheels with a joint, or drawn axles, which tell where the ground is.
+        """
+        model = self._model
+        ground = min((each.center[2] - each.radius for each in wheels), default=self._at_start.ground)
+        rolling = {int(each) for wheel in wheels for each in model.supports[model.getJointId(wheel.joint)]}
+        found: dict[int, Wheel] = {}
+        for shape in (each for kind in GEOMETRY for each in self._at_start.shapes[kind]):
+            index = shape.joint
+            if index in {*rolling, *found} or index <= self._at_start.root or model.joints[index].nv != 1:
+                continue
+            if abs(turning_axis(model, self._data, index)[2]) < 1 - ALIGNED:
+                continue
+            center = (shape.points.min(axis=0) + shape.points.max(axis=0)) / 2
+            for axle in (shape.axis,) if shape.axis.any() else self._data.oMi[index].rotation.T:
+                disk = fitted_disk([shape], center, axle) if abs(axle[2]) < LEVEL else None
+                if disk and disk.width < 1.5 * disk.radius and abs(disk.bottom - ground) < NEAR * disk.radius:
+                    wheel = self._drawn(index, disk.radius, center, axle, np.inf)
+                    found |= {} if wheel is None else {index: wheel}
+        return [*found.values()]
+
+    @cached_property
+    def crossed(self) -> list[str]:
+        """Joints with a horizontal axis across that of the disk on the ground that they turn: mistakes of a file."""
+        model, crossed = self._model, []
+        most = 0.1  # cosine of two axes that are across each other
+        for shape in self._at_start.drawn:
+            joint = shape.joint
+            if joint <= self._at_start.root or model.joints[joint].nv != 1 or not shape.is_disk:
+                continue
+            axis = turning_axis(model, self._data, joint)
+            down = shape.bottom - self._at_start.ground < NEAR * shape.radius
+            level = max(abs(axis[2]), abs(shape.axis[2])) < LEVEL
+            if down and level and axis.any() and abs(axis @ shape.axis) < most:
+                crossed.append(str(model.names[joint]))
+        return crossed
+
+    def _drawn(self, joint: int, radius: float, center: np.ndarray, axle: np.ndarray, near: float) -> Wheel | None:
+        """Wheel without a joint about its axle, or None if no frame of its body is along the axle and near it [m]."""
+        place = self._frame_on(joint, center, axle, near)
+        if place is None:
+            return None
+        frame, axis = place
+        bare = Wheel(str(self._model.names[joint]), frame, center, axle, radius, measured="visual")
+        wheel, placement = self._carried(bare, joint), self._data.oMf[self._at_start.robot.frame_id(frame)]
+        ahead = float((center - placement.translation) @ wheel.heading)
+        at: list[Json] = [round(float(each), 6) + 0.0 for each in placement.rotation.T @ (ahead * wheel.heading)]
+        edge: dict[str, Json] = {"frame": frame, "axis": axis}
+        return replace(wheel, edge={**edge, "at": at} if abs(ahead) > placed(radius) else edge)
+
+    def _frame_on(self, joint: int, point: np.ndarray, axle: np.ndarray, near: float) -> tuple[str, str] | None:
+        """Frame of the body with its origin above or on the axle, and its local axis along the axle, or None."""
+        best, nearest = None, near
+        for index, frame in enumerate(self._model.frames):
+            if frame.parentJoint != joint or frame.type != pin.FrameType.BODY:
+                continue
+            along = np.abs(self._data.oMf[index].rotation.T @ axle)
+            beside = across(self._data.oMf[index].translation - point, axle)
+            away = float(np.hypot(beside[0], beside[1]))
+            if away <= nearest and along.max() > np.cos(2 * ALIGNED):
+                best, nearest = (str(frame.name), "xyz"[int(along.argmax())]), away
+        return best
 
 
-def find_raised_wheels(at_start: RobotAtStart, wheels: Sequence[Wheel]) -> list[Wheel]:
-    """Return round bodies above the ground in the plane of several wheels: sprockets and idlers of a track."""
-    standing = {wheel.joint for wheel in wheels}
-    others = [each.wheel for each in _measured_wheels(at_start)[0] if each.is_shaped]
-    in_plane = 3  # smallest number of wheels on the ground in the plane of a sprocket
-    return [
-        other
-        for other in others
-        if other.joint not in standing and sum(_are_in_plane(other, wheel) for wheel in wheels) >= in_plane
-    ]
+_ROUND = (1 - 10 * SAME) * 2 * np.pi  # range of a joint that turns round once [rad]: files write 3.14
 
 
-def stand_below_body(wheels: Sequence[Wheel], at_start: RobotAtStart) -> bool:
-    """Return whether wheels have shapes that reach below all other parts, as propellers and thrusters do not."""
-    own = {at_start.robot.joint_id(wheel.joint) for wheel in wheels}
-    others = [shape.bottom for every in at_start.shapes.values() for shape in every if shape.joint not in own]
-    lowest = min(others, default=np.inf)
-    return any(
-        wheel.measured in GEOMETRY and wheel.center[2] - wheel.radius < lowest - ALIGNED * wheel.radius
-        for wheel in wheels
-    )
+def _is_plausible(radius: float) -> bool:
+    """True for a radius that a wheel may have if no shape gives it [m]."""
+    return 0.003 < radius < 1.5
 
 
 def _are_in_plane(one: Wheel, other: Wheel) -> bool:
@@ -182,258 +478,3 @@ def _are_in_plane(one: Wheel, other: Wheel) -> bool:
     carried = (one.pivots, one.carriers, other.pivots)  # rollers of a track may hang on bogies
     is_parallel = np.linalg.norm(np.cross(one.axle, other.axle)) < ALIGNED
     return not any(carried) and bool(is_parallel and abs((one.center - other.center) @ other.axle) < other.radius / 2)
-
-
-def _measured_wheels(at_start: RobotAtStart) -> tuple[list[_Found], list[_Candidate]]:
-    """Wheels on the ground and above it with a radius, and those that are only named."""
-    floor = _floor(at_start)
-    found: list[_Found] = []
-    unmeasured: list[_Candidate] = []
-    bare: list[_Candidate] = []  # without shapes, a wheel's name and a round inertia
-    virtual = find_virtual_joints(at_start)
-    candidates = [each for each in _candidates(at_start) if at_start.robot.model.names[each.index] not in virtual]
-    rollers = {each for candidate in candidates for each in candidate.rollers}
-    for candidate in candidates:
-        if candidate.index in rollers:
-            continue
-        size = _measured_size(at_start, candidate, floor)
-        if size is not None:
-            wheel = _wheel(at_start, candidate, size)
-            doubtful = candidate.doubtful or candidate.turns_once
-            if not doubtful or size.measured in candidate.parts:
-                found.append(_Found(wheel, size.bottom, candidate.named, doubtful, candidate.turns_once))
-        elif candidate.named:
-            unmeasured.append(candidate)
-        elif not any(candidate.parts.values()):
-            bare.append(candidate)
-    for candidate in bare:
-        mate = next((each for each in found if _is_mate_of(at_start, candidate, each.wheel)), None)
-        if mate is not None:
-            size = _Size(mate.wheel.radius, float(candidate.center[2]) - mate.wheel.radius, "height")
-            wheel = _wheel(at_start, candidate, size)
-            found.append(_Found(wheel, size.bottom, False, candidate.doubtful, candidate.turns_once))
-    return [replace(each, doubtful=False) if _has_mate(each, found) else each for each in found], unmeasured
-
-
-def _is_mate_of(at_start: RobotAtStart, candidate: _Candidate, wheel: Wheel) -> bool:
-    """True for a body of the same mass on the axle line of a wheel, on the same body: the other wheel of an axle."""
-    model = at_start.robot.model
-    other = at_start.robot.joint_id(wheel.joint)
-    masses = [model.inertias[each].mass for each in (candidate.index, other)]
-    return (
-        _is_on_line(wheel, candidate.axle, candidate.center, wheel.radius)
-        and abs(masses[0] - masses[1]) < ALIGNED * masses[1]
-        and model.parents[candidate.index] == model.parents[other]
-    )
-
-
-def _is_on_line(wheel: Wheel, axle: np.ndarray, center: np.ndarray, radius: float) -> bool:
-    """True if another wheel, with its axle (3,), center (3,) and radius, is on the axle line of a wheel."""
-    beside = across(center - wheel.center, wheel.axle)
-    is_parallel = np.linalg.norm(np.cross(axle, wheel.axle)) < ALIGNED
-    return bool(is_parallel and np.linalg.norm(beside) < placed(radius))
-
-
-def _has_mate(one: _Found, found: Sequence[_Found]) -> bool:
-    """True for one of two equal disks side by side on one axle line of one body, which turn once."""
-    for other in (each.wheel for each in found if each.turns_once and one.turns_once and each is not one):
-        equal = abs(other.radius - one.wheel.radius) < ALIGNED * other.radius
-        in_line = _is_on_line(one.wheel, other.axle, other.center, other.radius)
-        if equal and in_line and one.wheel.is_beside(other):
-            return True
-    return False
-
-
-@dataclass(frozen=True)
-class _Size:
-    radius: float
-    bottom: float
-    measured: str
-    is_ball: bool = False
-
-
-@dataclass(frozen=True)
-class _Found:
-    wheel: Wheel
-    bottom: float
-    named: bool
-    doubtful: bool
-    turns_once: bool
-
-    @property
-    def is_shaped(self) -> bool:
-        """True if its radius is that of a shape."""
-        return self.wheel.measured in GEOMETRY
-
-    def touches(self, ground: float) -> bool:
-        slack = NEAR if self.is_shaped else 1.0
-        return self.bottom - ground < slack * self.wheel.radius
-
-
-def _candidates(at_start: RobotAtStart) -> Iterator[_Candidate]:
-    """Yield continuous joints with a horizontal axis and no child joints except rollers."""
-    model = at_start.robot.model
-    turns = 4 * np.pi  # a joint with a larger range can be a wheel, like a continuous joint; wrists have less [rad]
-    for index in range(at_start.root + 1, model.njoints):
-        if model.joints[index].nv != 1:
-            continue
-        axle = turning_axis(model, at_start.data, index)
-        frame, center = _on_axle(at_start, index, axle)
-        links = [each.name for each in model.frames if each.parentJoint == index and each.type == pin.FrameType.BODY]
-        named = any(has_word(_WHEEL, name) and not has_word(_NO_WHEEL, name) for name in (model.names[index], *links))
-        doubtful = not named and has_word(_NO_WHEEL, model.names[index], frame)
-        rollers = [int(each) for each in model.children[index]]
-        if not _are_rollers(at_start, rollers, center, axle):
-            if not named:
-                continue
-            rollers = []  # a named wheel can carry gears and hubs
-        travel = _travel(at_start, index)
-        turns_once = not named and travel <= (1 + SAME) * turns
-        if np.linalg.norm(axle) < 0.5 or abs(axle[2]) > LEVEL or (turns_once and travel < (1 - 10 * SAME) * 2 * np.pi):
-            continue
-        behind = {index, *rollers}
-        parts = {kind: [each for each in every if each.joint in behind] for kind, every in at_start.shapes.items()}
-        yield _Candidate(index, frame, axle, center, named, doubtful, turns_once, parts, tuple(rollers))
-
-
-def _travel(at_start: RobotAtStart, index: int) -> float:
-    """Range of a joint [rad or m]: upper limit minus lower limit."""
-    low, high = joint_limits(at_start.robot, str(at_start.robot.model.names[index]))
-    return high - low
-
-
-def _on_axle(at_start: RobotAtStart, joint: int, axle: np.ndarray) -> tuple[str, np.ndarray]:
-    """Frame of a wheel and its position (3,): a link on the axle with a wheel's name, or the joint's body frame."""
-    origin = at_start.data.oMi[joint].translation
-    on_axle = 1e-4  # largest distance of a wheel's frame from its axle [m]: a wheel that is farther away is eccentric
-    for index, frame in enumerate(at_start.robot.model.frames):
-        called = frame.parentJoint == joint and frame.type == pin.FrameType.BODY and has_word(_WHEEL, frame.name)
-        if called and np.abs(across(at_start.data.oMf[index].translation - origin, axle)).max() < on_axle:
-            return str(frame.name), at_start.data.oMf[index].translation.copy()
-    return body_frame(at_start.robot, joint), origin.copy()
-
-
-def _are_rollers(at_start: RobotAtStart, joints: list[int], center: np.ndarray, axle: np.ndarray) -> bool:
-    """True if child joints stand on a rim about the axle; side gears of a differential are on the axle itself."""
-    if not joints:
-        return True
-    model = at_start.robot.model
-    leaves = all(model.joints[each].nv == 1 and not len(model.children[each]) for each in joints)
-    away = np.array([across(at_start.data.oMi[each].translation - center, axle) for each in joints])
-    distances = np.linalg.norm(away, axis=1)
-    rollers = 4  # smallest number of child joints on a rim that are rollers
-    return len(joints) >= rollers and leaves and bool(distances.min() > 0.5 * distances.max())
-
-
-def _measured_size(at_start: RobotAtStart, candidate: _Candidate, floor: float | None) -> _Size | None:
-    """Size of a wheel, or None if the candidate is no wheel.
-
-    Sources of the radius, in order: its shapes, its height above a floor in the file, its inertia, its height above the
-    base's origin.
-    """
-    widest = 8.0  # largest width of a wheel, in radii
-    for kind, parts in candidate.parts.items():
-        disk = fitted_disk(parts, candidate.center, candidate.axle)
-        if disk is not None and disk.width < widest * disk.radius:
-            return _Size(disk.radius, disk.bottom, kind, all(len(part.points) == 1 for part in parts))
-    spun = _radius_from_inertia(at_start, candidate)
-    if not candidate.named and (spun is None or any(candidate.parts.values())):
-        return None
-    height = float(candidate.center[2]) - (0.0 if floor is None else floor)
-    if floor is not None and _is_plausible(height):
-        return _Size(height, floor, "height")
-    if spun is not None and not (_is_plausible(height) and 0.7 < height / spun < 1.4):
-        return _Size(spun, float(candidate.center[2]) - spun, "inertia")
-    return _Size(height, 0.0, "height") if _is_plausible(height) else None
-
-
-def _is_plausible(radius: float) -> bool:
-    return _SIZES[0] < radius < _SIZES[1]
-
-
-def _radius_from_inertia(at_start: RobotAtStart, candidate: _Candidate) -> float | None:
-    """Radius [m] of the solid disk with this inertia, or None if the inertia is not axisymmetric."""
-    inertia = at_start.robot.model.inertias[candidate.index]
-    if inertia.mass <= 0:
-        return None
-    axle = at_start.data.oMi[candidate.index].rotation.T @ candidate.axle
-    tensor, lever = inertia.inertia, inertia.lever
-    about = float(axle @ tensor @ axle)
-    moments = np.linalg.eigvalsh(tensor - about * np.outer(axle, axle))
-    moments = np.delete(moments, int(np.argmin(np.abs(moments))))  # moments about axes normal to the axle
-    radius = float(np.sqrt(max(2 * about / inertia.mass, 0.0)))
-    beside = np.linalg.norm(across(lever, axle))
-    is_round = moments[0] > 0 and moments[1] < 1.15 * moments[0] and beside < 0.2 * radius
-    return radius if is_round and _is_plausible(radius) else None
-
-
-def _on_the_ground(found: list[_Found], everything: list[Shape], root: int) -> list[Wheel]:
-    named = [each for each in found if each.named]
-    sure = [each for each in named if each.is_shaped] or named
-    if sure:
-        unnamed = [each for each in found if each.is_shaped and not each.doubtful]  # a spare wheel may have the name
-        ground = min(each.bottom for each in (*sure, *unnamed))
-        lowest = min((shape.bottom for shape in everything), default=ground)
-        level = sum(each.touches(ground) for each in sure)  # a fork or a skirt can be lower than two wheels
-        if level < 2 and lowest < ground - 2 * max(each.wheel.radius for each in sure):
-            return []  # named wheels, but above the ground
-    else:
-        bottoms = [shape.bottom for shape in everything if shape.joint <= root]
-        ground = min([*bottoms, *(each.bottom for each in found if not each.doubtful)], default=0.0)
-    standing = [each for each in found if each.touches(ground)]
-    return [each.wheel for each in standing] if any(not each.doubtful for each in standing) else []
-
-
-def _wheel(at_start: RobotAtStart, candidate: _Candidate, size: _Size) -> Wheel:
-    model = at_start.robot.model
-    lever = model.inertias[candidate.index].lever
-    pivots, carriers = joints_above(
-        at_start, model.parents[candidate.index], candidate.center, candidate.axle, size.radius
-    )
-    return Wheel(
-        joint=str(model.names[candidate.index]),
-        frame=candidate.frame,
-        radius=size.radius,
-        measured=size.measured,
-        center=candidate.center,
-        axle=candidate.axle,
-        pivots=pivots,
-        carriers=carriers,
-        rollers=tuple(str(model.names[each]) for each in candidate.rollers),
-        is_ball=size.is_ball,
-        imbalance=float(np.linalg.norm(across(at_start.data.oMi[candidate.index].rotation @ lever, candidate.axle))),
-    )
-
-
-def joints_above(
-    at_start: RobotAtStart, joint: int, center: np.ndarray, axle: np.ndarray, radius: float
-) -> tuple[tuple[Pivot, ...], tuple[str, ...]]:
-    """Pivots and other carriers of a wheel, from a joint on: its center (3,), axle (3,) and radius [m]."""
-    model, data = at_start.robot.model, at_start.data
-    pivots: list[Pivot] = []
-    carriers: list[str] = []
-    steers = 0.5  # smallest vertical part of a unit swivel axis: forks are inclined, those of choppers by 50 degrees
-    while joint > at_start.root and model.joints[joint].nv == 1:
-        axis = turning_axis(model, data, joint)
-        along = center - data.oMi[joint].translation
-        parallel = axis.any() and np.abs(across(axis, axle)).max() < ALIGNED
-        if parallel and np.abs(across(along, axis)).max() < placed(radius):
-            pass  # a gear on the same axle rotates the wheel but does not move it
-        elif abs(axis[2]) > steers:
-            free = _travel(at_start, joint) >= (1 - 10 * SAME) * 2 * np.pi  # files write 3.14
-            point = data.oMi[joint].translation.copy()
-            pivots.append(Pivot(str(model.names[joint]), int(joint), point, axis * np.sign(axis[2]), free))
-        else:
-            carriers.append(str(model.names[joint]))
-        joint = model.parents[joint]
-    return tuple(pivots), tuple(carriers)
-
-
-def _floor(at_start: RobotAtStart) -> float | None:
-    """Height of the base's footprint frame [m], or None."""
-    heights = [
-        float(at_start.data.oMf[index].translation[2])
-        for index, frame in enumerate(at_start.robot.model.frames)
-        if frame.parentJoint <= at_start.root and has_word("footprint", frame.name)
-    ]
-    return min(heights, default=None)

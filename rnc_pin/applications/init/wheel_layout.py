@@ -1,127 +1,15 @@
-"""Classification of wheels: fixed, steered, caster, ball caster, wheel of a trailer, or only drawn.
-
-Axles of wheels that are only drawn are knife edges without side slip.
-"""
+"""Classification of wheels: fixed, steered, caster, ball caster, or wheel of a trailer."""
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import pinocchio as pin
 
-from rnc_pin.applications.init.evidence import DriveEvidence, DrivenJoints, has_word, turning_axis
-from rnc_pin.applications.init.robot_at_start import (
-    ALIGNED,
-    GEOMETRY,
-    LEVEL,
-    NEAR,
-    PLACED,
-    RobotAtStart,
-    across,
-    first_smallest,
-    fitted_disk,
-    placed,
-)
-from rnc_pin.applications.init.wheel_detection import Pivot, Wheel, joints_above
-from rnc_pin.io import Json
-
-
-def find_drawn_axles(at_start: RobotAtStart) -> list[Wheel]:
-    """Return pairs of coaxial horizontal disks at the ground on one body, each as one wheel that is only drawn."""
-    axles: list[Wheel] = []
-    disks = [each for each in at_start.drawn if each.is_disk and abs(each.axis[2]) < LEVEL]
-    for one, other in itertools.permutations(disks, 2):
-        between = other.middle - one.middle
-        apart, radius = np.linalg.norm(between), one.radius
-        level = one.bottom - at_start.ground < NEAR * radius
-        aligned = apart > radius and abs(between @ one.axis) > (1 - 0.5 * ALIGNED) * apart
-        equal = one.joint == other.joint and abs(radius - other.radius) <= 0.1 * radius
-        if one.name < other.name and level and aligned and equal:
-            center = (one.middle + other.middle) / 2
-            wheel = _drawn(at_start, one.joint, radius, center, one.axis, max(PLACED, 0.2 * radius))
-            if wheel is not None and all(wheel.frame != each.frame for each in axles):
-                axles.append(wheel)
-    return axles
-
-
-def find_drawn_wheels(at_start: RobotAtStart, wheels: Sequence[Wheel]) -> list[Wheel]:
-    """Return disks on the ground that a pivot turns, and no joint about their axle: wheels that only steer.
-
-    Args:
-        at_start: the robot.
-        wheels: its wheels with a joint, or its drawn axles, which tell where the ground is.
-    """
-    model = at_start.robot.model
-    ground = min((each.center[2] - each.radius for each in wheels), default=at_start.ground)
-    rolling = {int(each) for wheel in wheels for each in model.supports[model.getJointId(wheel.joint)]}
-    found: dict[int, Wheel] = {}
-    for shape in (each for kind in GEOMETRY for each in at_start.shapes[kind]):
-        index = shape.joint
-        if index in {*rolling, *found} or index <= at_start.root or model.joints[index].nv != 1:
-            continue
-        if abs(turning_axis(model, at_start.data, index)[2]) < 1 - ALIGNED:
-            continue
-        center = (shape.points.min(axis=0) + shape.points.max(axis=0)) / 2
-        for axle in (shape.axis,) if shape.axis.any() else at_start.data.oMi[index].rotation.T:
-            disk = fitted_disk([shape], center, axle) if abs(axle[2]) < LEVEL else None
-            if disk and disk.width < 1.5 * disk.radius and abs(disk.bottom - ground) < NEAR * disk.radius:
-                wheel = _drawn(at_start, index, disk.radius, center, axle, np.inf)
-                found |= {} if wheel is None else {index: wheel}
-    return [*found.values()]
-
-
-def find_crossed_wheels(at_start: RobotAtStart) -> list[str]:
-    """Return joints with a horizontal axis across that of the disk on the ground that they turn: mistakes of a file."""
-    model, crossed = at_start.robot.model, []
-    most = 0.1  # cosine of two axes that are across each other
-    for shape in at_start.drawn:
-        joint = shape.joint
-        if joint <= at_start.root or model.joints[joint].nv != 1 or not shape.is_disk:
-            continue
-        axis = turning_axis(model, at_start.data, joint)
-        down = shape.bottom - at_start.ground < NEAR * shape.radius
-        level = max(abs(axis[2]), abs(shape.axis[2])) < LEVEL
-        if down and level and axis.any() and abs(axis @ shape.axis) < most:
-            crossed.append(str(model.names[joint]))
-    return crossed
-
-
-def _drawn(
-    at_start: RobotAtStart, joint: int, radius: float, center: np.ndarray, axle: np.ndarray, near: float
-) -> Wheel | None:
-    """Wheel without a joint about its axle, or None if no frame of its body is along the axle."""
-    place = _frame_on(at_start, joint, center, axle, near)
-    if place is None:
-        return None
-    frame, axis = place
-    pivots, carriers = joints_above(at_start, joint, center, axle, radius)
-    wheel = Wheel(str(at_start.robot.model.names[joint]), frame, radius, "visual", center, axle, pivots, carriers)
-    placement = at_start.data.oMf[at_start.robot.frame_id(frame)]
-    ahead = float((center - placement.translation) @ wheel.heading)
-    at: list[Json] = [round(float(each), 6) + 0.0 for each in placement.rotation.T @ (ahead * wheel.heading)]
-    edge: dict[str, Json] = {"frame": frame, "axis": axis}
-    return replace(wheel, edge={**edge, "at": at} if abs(ahead) > placed(radius) else edge)
-
-
-def _frame_on(
-    at_start: RobotAtStart, joint: int, point: np.ndarray, axle: np.ndarray, near: float
-) -> tuple[str, str] | None:
-    """Frame of the body with its origin above or on the axle [m], and its local axis along the axle, or None."""
-    best, nearest = None, near
-    for index, frame in enumerate(at_start.robot.model.frames):
-        if frame.parentJoint != joint or frame.type != pin.FrameType.BODY:
-            continue
-        offset = at_start.data.oMf[index].translation - point
-        along = np.abs(at_start.data.oMf[index].rotation.T @ axle)
-        beside = across(offset, axle)
-        away = float(np.hypot(beside[0], beside[1]))
-        if away <= nearest and along.max() > np.cos(2 * ALIGNED):
-            best, nearest = (str(frame.name), "xyz"[int(along.argmax())]), away
-    return best
-
+from rnc_pin.applications.init.evidence import DriveEvidence, DrivenJoints, has_word
+from rnc_pin.applications.init.robot_at_start import first_smallest, placed
+from rnc_pin.applications.init.wheel_detection import Pivot, Wheel
 
 _CASTER = "caster.*|.*caster|castor.*|.*castor|swivel.*"
 _GLIDES = f"{_CASTER}|ball|support"
