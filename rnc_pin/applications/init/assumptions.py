@@ -392,7 +392,7 @@ def _decision_on_others(idle: Sequence[str], drives: DriveEvidence) -> DraftDeci
     sources = list(dict.fromkeys(drives.named.values()))
     evidence = "by an option" if asked else f"not named by {few(sources)}, which name other joints"
     sure = SURE if asked or drives.is_complete else LIKELY
-    others = tuple(Alternative(f"{name} is driven", ("--driven", name)) for name in idle[:2])
+    others = tuple(Alternative(f"{name} is driven", {"driven": [name]}) for name in idle[:2])
     return DraftDecision("Which joints beside the base have no motor?", few(idle), sure, evidence, others)
 
 

@@ -22,7 +22,7 @@ from rnc_pin.applications.init.omnidirectional_base import (
 )
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.scenario_candidate import ScenarioCandidate
-from rnc_pin.applications.init.source import DraftOptions, Source, with_choices
+from rnc_pin.applications.init.source import DraftOptions, Source
 from rnc_pin.applications.init.start_values import start_values
 from rnc_pin.applications.init.trial import Trial
 from rnc_pin.applications.init.wheel_detection import Wheel, WheelSearch
@@ -62,11 +62,6 @@ class BaseEvidence:
         return self.source.options.base
 
     @property
-    def decided(self) -> list[DraftDecision]:
-        """Decisions on its wheels."""
-        return [each for each in (self.balance, self.rollers) if each is not None]
-
-    @property
     def is_open(self) -> bool:
         """True for a robot without wheels, of which the user chose no base."""
         return self.asked is None and not self.layout.wheels
@@ -82,7 +77,8 @@ class BaseEvidence:
         return not self.layout.wheels or bool(self.layout.fixed and not self.layout.steered and not self.is_cart)
 
     def complete(self, mobility: BaseAssumptions) -> None:
-        """Add the doubts about crossed axes, and lock the joints that nothing drives."""
+        """Add the decisions on its wheels, the doubts about crossed axes, and locks of joints that nothing drives."""
+        mobility.decisions[:0] = [each for each in (self.balance, self.rollers) if each is not None]
         for each in self.crossed:
             mobility.doubts.append((each, 0.0, f"the axis of joint {each} is across that of its drawn cylinder"))
         if loose := self.at_start.loose:
@@ -114,11 +110,11 @@ BASE_KINDS = (
         lambda e: other_bases.refuse_one_track(e.layout, e.crossed),
         is_last=True,
     ),
-    BaseKind(lambda e: _is_yes(e.balance), lambda e: other_bases.balancing_base(e.layout, e.at_start, e.decided)),
-    BaseKind(lambda e: _is_yes(e.rollers), lambda e: omnidirectional_base(e.layout, e.at_start, e.decided)),
+    BaseKind(lambda e: _is_yes(e.balance), lambda e: other_bases.balancing_base(e.layout, e.at_start)),
+    BaseKind(lambda e: _is_yes(e.rollers), lambda e: omnidirectional_base(e.layout, e.at_start)),
     BaseKind(lambda e: e.layout.is_turret, lambda e: turret_base(e.layout, e.at_start)),
     BaseKind(lambda e: e.layout.is_swerve, lambda e: swerve_base(e.layout, e.at_start)),
-    BaseKind(lambda e: e.is_cart, lambda e: wheeled_base(e.layout, e.at_start, e.decided)),
+    BaseKind(lambda e: e.is_cart, lambda e: wheeled_base(e.layout, e.at_start)),
     BaseKind(lambda e: bool(e.axles), lambda e: knife_edge_base(e.axles, e.drawn, e.at_start)),
     BaseKind(lambda e: e.is_without_wheels, lambda e: e.without_wheels(e.asked)),
     BaseKind(lambda e: bool(e.layout.wheels), lambda e: force_driven_base(e.layout, e.at_start)),
@@ -177,7 +173,7 @@ def draft_with_decisions(source: str, folder: Path, wishes: DraftOptions | None 
         for other in decision.alternatives if taken is first else ():
             decided = DraftDecision(decision.question, other.answer, LIKELY, evidence)
             with suppress(RncError):
-                found = _tried(source, folder, with_choices(choices, other.options), [decided])
+                found = _tried(source, folder, choices.with_choices(other.choices), [decided])
                 taken = first if found.trial.doubts else found
     for message in dict.fromkeys(taken.warnings):
         warnings.warn(message, ModelWarning, stacklevel=3)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from xml.etree import ElementTree
@@ -31,21 +31,22 @@ class Alternative:
 
     Attributes:
         answer: the answer, in words.
-        options: options of ``rnc-pin init`` that choose it, such as ("--base", "planar").
+        choices: fields of ``DraftOptions`` that choose it, such as {"base": "planar"} or {"driven": ["left"]}.
     """
 
     answer: str
-    options: tuple[str, ...]
+    choices: Mapping[str, bool | str | Sequence[str]]
 
     @property
     def command(self) -> str:
-        """Options as typed."""
-        return " ".join(self.options)
-
-
-def for_each(option: str, joints: Iterable[str]) -> tuple[str, ...]:
-    """Return the options that name joints, such as ("--driven", "left", "--driven", "right")."""
-    return tuple(word for joint in joints for word in (option, joint))
+        """Options of ``rnc-pin init``, as typed."""
+        words: list[str] = []
+        for name, value in self.choices.items():
+            if isinstance(value, bool):
+                words.append(f"--{name}" if value else f"--no-{name}")
+            else:
+                words += [f"--{name} {each}" for each in ([value] if isinstance(value, str) else value)]
+        return " ".join(words)
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ class DraftDecision:
         answer: the answer of the draft.
         confidence: confidence between 0 and 1.
         evidence: what the answer rests on.
-        alternatives: other answers, with the options that choose them.
+        alternatives: other answers, with the choices that lead to them.
     """
 
     question: str

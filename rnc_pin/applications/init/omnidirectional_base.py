@@ -16,7 +16,6 @@ from rnc_pin.applications.init.evidence import (
     Alternative,
     DraftDecision,
     body_frame,
-    for_each,
     has_word,
     turning_axis,
     words_of,
@@ -109,7 +108,7 @@ def _farthest(lines: list[list[Wheel]]) -> list[list[Wheel]]:
 
 def _as_casters(pivots: Sequence[str]) -> Alternative:
     are = "is a caster" if len(pivots) == 1 else "are casters"
-    return Alternative(f"{few(pivots)} {are}", for_each("--passive", pivots))
+    return Alternative(f"{few(pivots)} {are}", {"passive": pivots})
 
 
 _OMNIDIRECTIONAL = "mecanum.*|.*mecanum|omni|omniwheel|omnidirectional|swedish|holonomic|planar_move"
@@ -139,7 +138,7 @@ def rollers_decision(layout: WheelLayout, at_start: RobotAtStart, asked: bool | 
     wheels = layout.fixed
     if layout.steered or len(wheels) < 3:
         return None
-    no, yes = Alternative("no rollers", ("--no-rollers",)), Alternative("rollers", ("--rollers",))
+    no, yes = Alternative("no rollers", {"rollers": False}), Alternative("rollers", {"rollers": True})
     question = "Do the wheels have rollers?"
     if asked is not None:
         return DraftDecision(question, "yes" if asked else "no", SURE, "by an option")
@@ -157,7 +156,7 @@ def rollers_decision(layout: WheelLayout, at_start: RobotAtStart, asked: bool | 
     return DraftDecision(question, "no", LIKELY, "nothing in the file tells of rollers", (yes,))
 
 
-def omnidirectional_base(layout: WheelLayout, at_start: RobotAtStart, decided: list[DraftDecision]) -> BaseAssumptions:
+def omnidirectional_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
     """Base on three or more wheels with rollers; each roller is one constraint row."""
     wheels, parallel = layout.fixed, layout.is_straight
     angles = [_angle(wheel, wheels, at_start, parallel) for wheel in wheels]
@@ -166,7 +165,6 @@ def omnidirectional_base(layout: WheelLayout, at_start: RobotAtStart, decided: l
         return force_driven_base(layout, at_start, "these rollers do not constrain the base in three directions")
     kind = f"{len(wheels)} {'Mecanum' if parallel else 'omni'} wheels"
     result = wheeled_base.planar(at_start, kind, wheels)
-    result.decisions += decided
     modelled = [roller for wheel in wheels for roller in wheel.rollers]
     result.hold(modelled, "the roller at the ground is a constraint row; those of the file are locked")
     for wheel, angle in zip(wheels, angles, strict=True):

@@ -49,7 +49,8 @@ def balance_decision(layout: WheelLayout, at_start: RobotAtStart, asked: bool | 
     if np.linalg.norm(one.center - other.center) < one.radius:
         return None
     question = "Does the base balance on its two wheels?"
-    no, yes = Alternative("a caster is missing in the file", ("--no-balance",)), Alternative("it does", ("--balance",))
+    yes = Alternative("it does", {"balance": True})
+    no = Alternative("a caster is missing in the file", {"balance": False})
     if asked is not None:
         return DraftDecision(question, "yes" if asked else "no", SURE, "by an option")
     above, beside = _center_of_mass(layout, at_start)
@@ -74,14 +75,13 @@ def balance_decision(layout: WheelLayout, at_start: RobotAtStart, asked: bool | 
     return DraftDecision(question, "yes", LIKELY if stated or on_legs else GUESSED, evidence, (no,))
 
 
-def balancing_base(layout: WheelLayout, at_start: RobotAtStart, decided: list[DraftDecision]) -> BaseAssumptions:
+def balancing_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
     """Free base on one axle: two wheel torques control both wheel angles and the pitch.
 
     The feedback uses wheel angles, not path length and heading: the motion of an unbalanced wheel depends on its angle.
     """
     wheels, kind = layout.fixed, "2 wheels under a body that balances"
     result = BaseAssumptions("free", kind, at_start.frame, at_start.start, travel=DRIVEN)
-    result.decisions += decided
     _lie_down(result, wheels)
     ahead = at_start.along(wheels[0].heading)
     tilt = f"{at_start.frame}_tilt_{ahead}"
@@ -135,7 +135,7 @@ def bicycle_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions
     front = fork.wheels[0]
     across, along, steering = at_start.along(rear.axle), at_start.along(rear.heading), fork.pivot.joint
     result = BaseAssumptions("free", "2 wheels in line: a bicycle, which leans", at_start.frame, at_start.start)
-    upright = Alternative("it is held upright", ("--base", "planar"))
+    upright = Alternative("it is held upright", {"base": "planar"})
     evidence = "its wheels stand in line, and one of them is steered"
     result.decide("Does it lean, as a bicycle does?", "yes", LIKELY, evidence, upright)
     _lie_down(result, [rear, front])
@@ -191,14 +191,12 @@ def _center_of_mass(layout: WheelLayout, at_start: RobotAtStart) -> tuple[float,
     """Center of mass of all bodies except the wheels: height above the axle, horizontal offset from it [m]."""
     own = {at_start.robot.joint_id(wheel.joint) for wheel in layout.fixed}
     model = at_start.robot.model
-    total, moment = 0.0, np.zeros(3)
-    for index, inertia in enumerate(model.inertias):
-        if index not in own and inertia.mass > 0:
-            total += inertia.mass
-            moment += inertia.mass * (at_start.data.oMi[index].act(inertia.lever))
-    if not total:
+    bodies = [index for index, inertia in enumerate(model.inertias) if index not in own and inertia.mass > 0]
+    if not bodies:
         return 0.0, np.inf
-    offset = moment / total - layout.fixed[0].center
+    places = [at_start.data.oMi[index].act(model.inertias[index].lever) for index in bodies]
+    middle = np.average(places, axis=0, weights=[model.inertias[index].mass for index in bodies])
+    offset = middle - layout.fixed[0].center
     return float(offset[2]), abs(float(offset @ layout.fixed[0].heading))
 
 
@@ -295,7 +293,7 @@ def without_wheels(
     if asked is None and not (base == "fixed" and at_start.own_planar_joints):
         words = {"fixed": "it is bolted down", "planar": "it moves over the ground", "free": "it floats or flies"}
         possible = [each for each in words if each != base and not (each == "fixed" and at_start.is_rigid)]
-        others = [Alternative(words[each], ("--base", each)) for each in possible]
+        others = [Alternative(words[each], {"base": each}) for each in possible]
         result.decide("How does the base move, without wheels that roll?", words[base], sure, why, *others)
     return _doubting_wheels(result, at_start)
 

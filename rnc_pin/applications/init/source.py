@@ -8,8 +8,8 @@ import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import zip_longest
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -51,22 +51,12 @@ class DraftOptions:
     balance: bool | None = None
     rollers: bool | None = None
 
-
-def with_choices(choices: DraftOptions, options: Sequence[str]) -> DraftOptions:
-    """Return choices with those of an alternative, such as ("--driven", "front_left") or ("--no-rollers",)."""
-    for name, value in zip_longest(options[::2], options[1::2], fillvalue=""):
-        match name:
-            case "--base":
-                choices = dataclasses.replace(choices, base=value)
-            case "--driven":
-                choices = dataclasses.replace(choices, driven=(*choices.driven, value))
-            case "--passive":
-                choices = dataclasses.replace(choices, passive=(*choices.passive, value))
-            case "--balance" | "--no-balance":
-                choices = dataclasses.replace(choices, balance=name == "--balance")
-            case "--rollers" | "--no-rollers":
-                choices = dataclasses.replace(choices, rollers=name == "--rollers")
-    return choices
+    def with_choices(self, new: Mapping[str, bool | str | Sequence[str]]) -> DraftOptions:
+        """Return these choices with those of an alternative; its joints are added to the joints named before."""
+        joined: dict[str, Any] = {
+            name: value if isinstance(value, bool | str) else (*vars(self)[name], *value) for name, value in new.items()
+        }
+        return dataclasses.replace(self, **joined)
 
 
 class Source:

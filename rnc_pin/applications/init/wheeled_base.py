@@ -8,16 +8,7 @@ from statistics import median
 import numpy as np
 
 from rnc_pin.applications.init.assumptions import BENT, DRIVEN, TURNED, BaseAssumptions, place_and_heading
-from rnc_pin.applications.init.evidence import (
-    GUESSED,
-    LIKELY,
-    SURE,
-    Alternative,
-    DraftDecision,
-    body_frame,
-    for_each,
-    has_word,
-)
+from rnc_pin.applications.init.evidence import GUESSED, LIKELY, SURE, Alternative, body_frame, has_word
 from rnc_pin.applications.init.robot_at_start import RobotAtStart, placed
 from rnc_pin.applications.init.wheel_detection import Wheel
 from rnc_pin.applications.init.wheel_layout import TOWED, WheelGroup, WheelLayout, are_parallel, in_line
@@ -27,7 +18,7 @@ from rnc_pin.io import Json
 _TRACK, _MANY = 3, 5  # smallest number of wheels of a track: called so, or of any name
 
 
-def wheeled_base(layout: WheelLayout, at_start: RobotAtStart, decided: list[DraftDecision]) -> BaseAssumptions:
+def wheeled_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
     """Base on one or more axles, with steered wheels, casters, trailers or tracks.
 
     Each axle line has one lateral row, because wheels of a file are never on one line exactly: two nearly equal rows
@@ -36,11 +27,9 @@ def wheeled_base(layout: WheelLayout, at_start: RobotAtStart, decided: list[Draf
     Args:
         layout: wheels by their function.
         at_start: the robot.
-        decided: decisions that led to this kind of base.
     """
     sides = tracks(layout)
     result = planar_on_wheels(layout, at_start, _kind(layout, is_tracked=bool(sides)))
-    result.decisions += decided
     towed = (pivot.joint for pivot in layout.straight)
     result.hold(towed, "a steered axle of a trailer does not steer the base: locked straight")
     if sides:
@@ -75,7 +64,7 @@ def add_wheel_motors(result: BaseAssumptions, layout: WheelLayout, at_start: Rob
     idle = [joint for joint in own if joint not in driven.joints]
     result.actuators += [(joint, "") for joint in own if joint in driven.joints]
     result.passive |= set(idle)
-    others = [Alternative(few(idle), for_each("--driven", idle))] if idle else []
+    others = [Alternative(few(idle), {"driven": idle})] if idle else []
     result.decide("Which wheels are driven?", few(driven.joints), driven.confidence, driven.evidence, *others)
 
 
@@ -260,7 +249,7 @@ def _crawl(result: BaseAssumptions, layout: WheelLayout, sides: list[list[Wheel]
         support: dict[str, Json] = {"frame": last.frame, "radius": round(last.radius, 6)}
         result.constraints.append(({"caster": support}, "supports the other end of its track"))
         result.passive |= {wheel.joint for wheel in every if wheel is not driver}
-    other = Alternative("each wheel has a motor", for_each("--driven", [wheel.joint for wheel in layout.fixed]))
+    other = Alternative("each wheel has a motor", {"driven": [wheel.joint for wheel in layout.fixed]})
     evidence = "by sprockets above them" if layout.raised else "by the names or the number of its wheels"
     question, answer = "Do tracks couple the wheels of each side?", f"yes, driven by {few(drivers)}"
     result.decide(question, answer, LIKELY, evidence, other)
@@ -294,7 +283,7 @@ def _steer(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart)
             for line in in_line(one.wheels):
                 result.roll_line(line, f"steered by {pivot}", lateral=leads)
             result.passive |= {pivot} - {driver}
-    others = [Alternative(axle[0].pivot.joint, ("--passive", main[0].pivot.joint)) for axle in steered[1:2]]
+    others = [Alternative(axle[0].pivot.joint, {"passive": [main[0].pivot.joint]}) for axle in steered[1:2]]
     evidence = "the farthest from the fixed axle" if others else "the only steered axle"
     result.decide("Which axle steers?", driver, LIKELY, evidence, *others)
 
@@ -335,6 +324,6 @@ def _tow(result: BaseAssumptions, carriage: WheelGroup, at_start: RobotAtStart) 
         sure, evidence = LIKELY, "by its name"
     else:
         sure, evidence = GUESSED, "its wheels are far behind it, but the file gives it an effort"
-    steers = Alternative("no, it is driven and steers", ("--driven", joint))
+    steers = Alternative("no, it is driven and steers", {"driven": [joint]})
     result.decide(f"Is {joint} a free hitch?", "yes", sure, evidence, steers)
     result.passive |= set(carriage.joints)

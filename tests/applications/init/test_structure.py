@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from rnc_pin.applications.init import DraftOptions
-from rnc_pin.applications.init.evidence import named_as_driven
-from rnc_pin.applications.init.source import with_choices
+from rnc_pin.applications.init.evidence import Alternative, named_as_driven
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.constraints import MomentumConservation
@@ -132,11 +131,14 @@ def test_joints_that_a_file_drives(text, expected):
 
 
 def test_options_of_an_alternative_are_choices():
-    choices = with_choices(DraftOptions(driven=("a",)), ("--driven", "b", "--driven", "c"))
-    assert choices.driven == ("a", "b", "c")
-    assert with_choices(choices, ("--no-balance",)).balance is False
-    assert with_choices(choices, ("--rollers",)).rollers is True
-    assert with_choices(choices, ("--base", "planar")).base == "planar"
+    for choices, command, expected in (
+        ({"driven": ["b", "c"]}, "--driven b --driven c", {"driven": ("a", "b", "c")}),
+        ({"balance": False}, "--no-balance", {"balance": False}),
+        ({"rollers": True}, "--rollers", {"rollers": True}),
+        ({"base": "planar"}, "--base planar", {"base": "planar"}),
+    ):
+        assert Alternative("other", choices).command == command
+        assert DraftOptions(driven=("a",)).with_choices(choices) == DraftOptions(**{"driven": ("a",), **expected})
 
 
 def turret(beside=0.0):
