@@ -18,7 +18,7 @@ from rnc_pin.errors import ModelError, nearest
 from rnc_pin.io.safe_read import read_bytes
 
 if TYPE_CHECKING:
-    from rnc_pin.robots.sources.xacro.substitution import FileAccess
+    from rnc_pin.robots.sources.xacro.definitions import FileAccess
 
 
 def is_xacro(path: Path) -> bool:
@@ -63,8 +63,8 @@ def expand(
         ModelError: not XML, an unknown macro, argument, property or package, or a refused expression.
     """
     # Most files have no macros: whoever reads one does not wait for the expander.
+    from rnc_pin.robots.sources.xacro.definitions import Arguments
     from rnc_pin.robots.sources.xacro.expander import Expander
-    from rnc_pin.robots.sources.xacro.substitution import Arguments
 
     given = Arguments({str(name): _text(value) for name, value in (arguments or {}).items()})
     expander = Expander(path, given, access, known)

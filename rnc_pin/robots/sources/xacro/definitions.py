@@ -1,15 +1,24 @@
-"""Definitions of a xacro file: elements with their places, macros, and scopes of properties and blocks."""
+"""Definitions of a xacro file: elements with their places, macros, scopes; and values of ``${...}`` and ``$(...)``."""
 
 from __future__ import annotations
 
+import math
+import os
 import re
+import warnings
+from collections import ChainMap
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from pathlib import Path
+from typing import Protocol
 from xml.etree.ElementTree import Element, ParseError
 
-from rnc_pin.errors import ModelError
-from rnc_pin.io.safe_read import parse_tree, read_bytes
+import yaml
+
+from rnc_pin.errors import ModelError, ModelWarning, nearest
+from rnc_pin.io.safe_read import BoundedLoader, load_yaml, parse_tree, read_bytes
+from rnc_pin.robots.sources.xacro import expressions
 from rnc_pin.robots.sources.xacro.expressions import Namespace, Value
 
 
@@ -279,3 +288,304 @@ def truth(value: Value, text: str) -> bool:
         return bool(int(value))
     except ValueError:
         raise ModelError(f"'{text}' evaluates to '{value}', which is not a boolean") from None
+
+
+ENVIRONMENT = (
+    *("ROS_DISTRO", "ROS_VERSION", "*_URDF_EXTRAS", "ROBOT_*", "TURTLEBOT*", "HUSKY_*", "JACKAL_*", "RIDGEBACK_*"),
+    *("DINGO_*", "WARTHOG_*", "BOXER_*", "CPR_*", "KOBUKI_*", "UR_*", "PR2_*", "TIAGO_*"),
+)
+"""Patterns of the environment variables that a file may read; all others are private to the user."""
+
+_PIECES = re.compile(r"(?P<escape>\$\$+[{(])|\$\{(?P<value>[^}]*)\}|\$\((?P<command>[^)]*)\)|[^$]+|\$[^{($]+|\$$")
+
+
+class Arguments(Mapping[str, Value]):
+    """Arguments of a file. The mapping converts their values to numbers and bools if possible.
+
+    Attributes:
+        asked: names that the file declares or reads.
+        given: texts of the arguments given by the user.
+    """
+
+    def __init__(self, given: Mapping[str, str]) -> None:
+        self._texts = dict(given)
+        self.given = tuple(given.values())
+        self.asked: set[str] = set()
+
+    def declare(self, name: str, default: str | None) -> None:
+        """Declare an argument; the default applies if the user gives no value.
+
+        Args:
+            name: name of the argument.
+            default: text of its default; None if it has none.
+        """
+        self.asked.add(name)
+        if default is not None:
+            self._texts.setdefault(name, default)
+
+    def text(self, name: str) -> str:
+        """Return the text of an argument; a missing value raises ModelError.
+
+        Args:
+            name: name of the argument.
+        """
+        self.asked.add(name)
+        if name not in self._texts:
+            given = f"xacro_arguments={{'{name}': ...}} (--arg {name}=...)"
+            raise ModelError(f"argument '{name}' has no value: give it with {given}")
+        return self._texts[name]
+
+    def __getitem__(self, name: str) -> Value:
+        text = self.text(name)
+        for kind in (int, float) if "." not in text else (float,):
+            try:
+                return kind(text)
+            except ValueError:
+                continue
+        return {"true": True, "false": False}.get(text.lower(), text)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._texts
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._texts)
+
+    def __len__(self) -> int:
+        return len(self._texts)
+
+
+class FileAccess(Protocol):
+    """Files and packages that a file may name."""
+
+    def folder(self, name: str) -> Path | None:
+        """Folder of a package, or None if it is not found.
+
+        Args:
+            name: name of the package.
+        """
+        ...
+
+    def admit(self, file: Path, what: str) -> Path:
+        """Return the absolute path of a file; raise ModelError with the words ``what`` if it is not allowed.
+
+        Args:
+            file: path as in the description.
+            what: name of the file in messages.
+        """
+        ...
+
+    def add(self, path: Path) -> None:
+        """Allow a file that the user named.
+
+        Args:
+            path: path of the file.
+        """
+        ...
+
+
+class Substitution:
+    """Substitution of expressions and commands in texts.
+
+    Args:
+        path: path of the file that is expanded.
+        arguments: arguments of the file.
+        access: files and packages that the file may name.
+
+    Attributes:
+        files: files being read, the innermost last.
+        budget: remaining steps for the file.
+        symbols: predefined names of all expressions in the file.
+    """
+
+    def __init__(self, path: Path, arguments: Arguments, access: FileAccess) -> None:
+        self.files = [path]
+        self.budget = expressions.Budget()
+        self.arguments = arguments
+        self._access = access
+        for text in arguments.given:
+            self._chosen(text)
+        self.symbols = expressions.builtins() | self._xacro()
+        kinds = ("list", "dict", "str", "float", "int")
+        self._commands = expressions.mathematical() | {name: self.symbols[name] for name in kinds}
+        self._commands |= {"true": True, "false": False}
+        for name, run in (
+            ("arg", arguments.__getitem__),
+            ("dirname", self._folder),
+            ("env", self._variable),
+            ("optenv", self._optional_variable),
+            ("find", self._found),
+        ):
+            self._commands[name] = expressions.Function(run)
+
+    def value(self, text: str, names: Mapping[str, Value]) -> Value:
+        """Return a text with all substitutions; a text of a single expression keeps its type.
+
+        Args:
+            text: the text.
+            names: names that its expressions may use.
+        """
+        values: list[Value] = []
+        place = 0
+        # Long texts cost too, else loops over them would be free.
+        self.budget.spend(1 + len(text) // 16)
+        while place < len(text):
+            piece = _PIECES.match(text, place)
+            if piece is None:
+                raise ModelError(f"expression has no closing bracket: '{text[place : place + 60]}'")
+            place = piece.end()
+            if piece["escape"] is not None:
+                values.append(piece[0][1:])
+            elif piece["value"] is not None:
+                values.append(self._expression(piece["value"], names))
+            elif piece["command"] is not None:
+                values.append(self._command(str(self.value(piece["command"], names))))
+            else:
+                values.append(piece[0])
+        if len(values) == 1:
+            return values[0]
+        parts = [str(each) for each in values]
+        # Before they are joined: a text that doubles in each macro would fill memory.
+        if sum(map(len, parts)) > expressions.LETTERS:
+            raise ModelError(f"a text of more than {expressions.LETTERS:,} characters")
+        return "".join(parts)
+
+    def path(self, name: str) -> Path:
+        """Return a path relative to the file being read.
+
+        Args:
+            name: name of a file in the description.
+        """
+        return self.files[-1].parent / name
+
+    def admitted(self, path: Path) -> Path:
+        """Return the absolute path of a file; raise ModelError if the description may not name it.
+
+        Args:
+            path: path of a file.
+        """
+        return self._access.admit(path, f"file '{path}'")
+
+    def _expression(self, text: str, names: Mapping[str, Value]) -> Value:
+        value = expressions.evaluate(str(self.value(text, names)), names, self.budget)
+        if isinstance(value, expressions.Function | Namespace):
+            raise ModelError(f"'{text[:80]}' is a function or namespace, no value")
+        return value
+
+    def _command(self, text: str) -> str:
+        if text.startswith("eval "):
+            names = ChainMap(self._commands, self.arguments)  # type: ignore[arg-type]  # both are only read
+            return str(expressions.evaluate(text[5:], names, self.budget))
+        command, *words = text.split() or [""]
+        commands = ("arg", "dirname", "env", "eval", "find", "optenv")
+        if command not in commands:
+            raise ModelError(f"unknown command in '$({text[:60]})'{nearest(command, commands)}")
+        if command == "dirname":
+            return self._folder()
+        # Its default may have several words.
+        if command == "optenv" and words:
+            return self._optional_variable(words[0], " ".join(words[1:]))
+        if len(words) != 1:
+            raise ModelError(f"'$({text[:60]})' takes one name")
+        run = {"arg": self.arguments.text, "find": self._found, "env": self._variable}[command]
+        return run(words[0])
+
+    def _folder(self) -> str:
+        return str(self.files[-1].parent.resolve())
+
+    def _found(self, name: str) -> str:
+        folder = self._access.folder(name)
+        if folder is None:
+            remedy = "give its folder in package_dirs (--package-dir) or in ROS_PACKAGE_PATH"
+            raise ModelError(f"no package '{name}': {remedy}")
+        return str(folder)
+
+    def _variable(self, name: str) -> str:
+        if not _is_readable(name):
+            remedy = "make it an argument, <xacro:arg>, and give that"
+            raise ModelError(f"a file may not read environment variable '{name}': {remedy}")
+        if name not in os.environ:
+            raise ModelError(f"environment variable '{name}' is not set")
+        return self._chosen(os.environ[name])
+
+    def _optional_variable(self, name: str, default: str = "") -> str:
+        return self._chosen(os.environ[name]) if _is_readable(name) and name in os.environ else default
+
+    def _chosen(self, text: str) -> str:
+        """Allow the file that the user names in an argument or variable. A folder is not allowed in this way."""
+        path = Path(text)
+        if path.is_absolute() and os.path.isfile(path):
+            self._access.add(path)
+        return text
+
+    def _xacro(self) -> dict[str, Value]:
+        functions = {
+            "load_yaml": expressions.Function(self._load_yaml),
+            "abs_filename": expressions.Function(lambda name: str(self.path(name))),
+        }
+        members = functions | {
+            "arg": expressions.Function(self.arguments.text),
+            "fatal": expressions.Function(_fail),
+            "message": expressions.Function(_say_nothing),
+            "print_location": expressions.Function(_say_nothing),
+            "warning": expressions.Function(self._warn),
+            "error": expressions.Function(self._warn),
+        }
+        return {**functions, "xacro": Namespace("xacro", members)}
+
+    def _load_yaml(self, name: str) -> Value:
+        path = self.admitted(self.path(name))
+        try:
+            text = read_bytes(path).decode()
+            return load_yaml(text, unit_loader(self.budget))
+        except OSError as error:
+            raise ModelError(f"cannot read '{path}': {error.strerror}") from None
+        except (yaml.YAMLError, UnicodeDecodeError) as error:
+            raise ModelError(f"'{path}' is not YAML: {error}") from None
+
+    def _warn(self, *words: Value, **_options: Value) -> str:
+        text = " ".join(map(str, words))
+        warnings.warn(f"{self.files[0].name}: {text[:300]}", ModelWarning, stacklevel=2)
+        return ""
+
+
+def _is_readable(name: str) -> bool:
+    """True if a file may read an environment variable."""
+    return any(fnmatchcase(name, pattern) for pattern in ENVIRONMENT)
+
+
+def _fail(*words: Value) -> Value:
+    raise ModelError(" ".join(map(str, words)))
+
+
+def _say_nothing(*_words: Value, **_options: Value) -> str:
+    return ""
+
+
+def unit_loader(budget: expressions.Budget) -> type[BoundedLoader]:
+    """Return a safe YAML loader with support for units.
+
+    Args:
+        budget: limit on the steps of the expressions in it.
+    """
+    names = expressions.builtins()
+
+    def reading(factor: float) -> Callable[[BoundedLoader, yaml.ScalarNode], float]:
+        def read(loader: BoundedLoader, node: yaml.ScalarNode) -> float:
+            return float(expressions.evaluate(str(loader.construct_scalar(node)), names, budget)) * factor
+
+        return read
+
+    class Loader(BoundedLoader):
+        """YAML loader with the unit tags and the budget of one file."""
+
+    units = {
+        "!radians": 1.0,
+        "!degrees": math.pi / 180.0,
+        "!meters": 1.0,
+        "!millimeters": 0.001,
+        "!foot": 0.3048,
+        "!inches": 0.0254,
+    }
+    for tag, factor in units.items():
+        Loader.add_constructor(tag, reading(factor))
+    return Loader

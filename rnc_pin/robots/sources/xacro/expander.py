@@ -16,17 +16,19 @@ from xml.etree.ElementTree import Element
 
 from rnc_pin.errors import ModelError, nearest
 from rnc_pin.robots.sources.xacro.definitions import (
+    Arguments,
+    FileAccess,
     Macro,
     Parameter,
     PlacedElement,
     Scope,
     ScopeNamespace,
+    Substitution,
     read_document,
     read_macro,
     truth,
 )
 from rnc_pin.robots.sources.xacro.expressions import Function, Namespace, Value
-from rnc_pin.robots.sources.xacro.substitution import Arguments, FileAccess, Substitution
 
 _PREFIX = "xacro:"
 
