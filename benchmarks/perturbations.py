@@ -26,8 +26,7 @@ import pytest
 
 from rnc_pin.applications.init import DraftOptions, draft
 from rnc_pin.errors import RncError
-from rnc_pin.robots.robot_files import example_urdfs, find_example, shipped_directory
-from rnc_pin.robots.sources.description import Packages
+from rnc_pin.robots.robot_files import Packages, example_urdfs, find_example, shipped_directory
 from rnc_pin.robots.sources.urdf import parse_urdf
 
 sys.path.append(str(Path(__file__).parents[1] / "tests" / "support"))

@@ -23,8 +23,8 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.rows import Place
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.printing import printed
-from rnc_pin.robots.robot import AttachedModel
 from rnc_pin.robots.joint_values import NamedModel
+from rnc_pin.robots.robot import AttachedModel
 
 _SMALL = 1e-9  # entry of a row, or relative singular value, that is rounding
 

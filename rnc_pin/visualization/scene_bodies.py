@@ -26,7 +26,7 @@ from rnc_pin.io.safe_read import read_bytes
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.rows import GroundSurface, carrier_of
 from rnc_pin.robots.robot import Robot
-from rnc_pin.robots.sources.description import is_below
+from rnc_pin.robots.robot_files import is_below
 from rnc_pin.robots.sources.mesh_formats import convex_hull
 from rnc_pin.visualization.browser.page import BaseVisualizer, DaeMeshGeometry, MeshcatVisualizer, mg
 from rnc_pin.visualization.drawn_state import DrawnState, grounds_of

@@ -19,6 +19,7 @@ import pinocchio as pin
 from rnc_pin.errors import ModelError, ModelWarning, nearest
 from rnc_pin.extras import missing_extra
 from rnc_pin.io.safe_read import LARGEST
+from rnc_pin.robots import robot_files
 from rnc_pin.robots.sources import description
 from rnc_pin.robots.sources.mjcf_model import SMALLEST, MeshAssets, MjcfGeometry, ModelBuilder, pose
 from rnc_pin.robots.sources.urdf_repairs import snap_mjcf
@@ -43,7 +44,7 @@ def read_mjcf(
     """
     if base is not None:
         description.check_base(base)
-    allowed = description.AllowedFolders(path.parent, package_dirs)
+    allowed = robot_files.AllowedFolders(path.parent, package_dirs)
     root = read_with_includes(path, allowed)
     name = root.get("model") or path.stem
     # Before the document is reduced, because that drops what is not read.
@@ -202,7 +203,7 @@ _COUNTS = {  # numbers per attribute
 }  # fmt: skip
 
 
-def read_with_includes(path: Path, allowed: description.AllowedFolders) -> ElementTree.Element:
+def read_with_includes(path: Path, allowed: robot_files.AllowedFolders) -> ElementTree.Element:
     """Return a file with its included files, in which each asset names an allowed file by its absolute path.
 
     Args:
@@ -220,7 +221,7 @@ def read_with_includes(path: Path, allowed: description.AllowedFolders) -> Eleme
     return root
 
 
-def _include(parent: ElementTree.Element, path: Path, allowed: description.AllowedFolders, seen: set[Path]) -> None:
+def _include(parent: ElementTree.Element, path: Path, allowed: robot_files.AllowedFolders, seen: set[Path]) -> None:
     # From the end: replacing an element moves only those behind it.
     for index, element in reversed(list(enumerate(parent))):
         if element.tag != "include":
@@ -237,7 +238,7 @@ def _include(parent: ElementTree.Element, path: Path, allowed: description.Allow
         parent[index : index + 1] = list(inner)
 
 
-def _resolve_assets(root: ElementTree.Element, path: Path, allowed: description.AllowedFolders) -> None:
+def _resolve_assets(root: ElementTree.Element, path: Path, allowed: robot_files.AllowedFolders) -> None:
     folders, stripped = {"mesh": "", "texture": ""}, False
     for compiler in root.findall("compiler"):
         # Later <compiler> elements overrule earlier ones, and meshdir overrules assetdir, as in MuJoCo.
@@ -255,7 +256,7 @@ def _resolve_assets(root: ElementTree.Element, path: Path, allowed: description.
             asset.set("file", str(_own_file(place, path, allowed, f'<{asset.tag} file="{name}">')))
 
 
-def _own_file(file: Path, path: Path, allowed: description.AllowedFolders, where: str) -> Path:
+def _own_file(file: Path, path: Path, allowed: robot_files.AllowedFolders, where: str) -> Path:
     with ModelError.at(path):
         found = allowed.admit(file, where)
     if not os.path.isfile(found):

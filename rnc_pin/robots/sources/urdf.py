@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, ModelWarning, argument, few, nearest
+from rnc_pin.robots import robot_files
 from rnc_pin.robots.sources import description
 from rnc_pin.robots.sources.urdf_links import Meshes, bodies_of, give_masses
 from rnc_pin.robots.sources.urdf_repairs import ENDLESS, Roundings, repair
@@ -55,7 +56,7 @@ def read_urdf(
         ModelError: the file cannot be read, is not a URDF, or describes an impossible robot.
     """
     description.check_base(base)
-    packages = description.Packages(path.parent, package_dirs)
+    packages = robot_files.Packages(path.parent, package_dirs)
     root = parse_urdf(path, xacro_arguments, packages)
     # Repairs first: checks after them tell only what no repair can decide.
     notes = repair(root, path)
@@ -90,7 +91,7 @@ def read_urdf(
 
 
 def parse_urdf(
-    path: Path, xacro_arguments: Mapping[str, object] | None, packages: description.Packages
+    path: Path, xacro_arguments: Mapping[str, object] | None, packages: robot_files.Packages
 ) -> ElementTree.Element:
     """Return the XML of a URDF without changes; a xacro file is expanded.
 

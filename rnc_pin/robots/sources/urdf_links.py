@@ -18,6 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, ModelWarning, few, nearest
+from rnc_pin.robots import robot_files
 from rnc_pin.robots.sources import description
 from rnc_pin.robots.sources.mesh_formats import LoadedMesh, MeshError, MeshShapes, put_in, read_mesh
 
@@ -36,7 +37,7 @@ class Meshes:
         packages: locations of packages, and folders whose files may be named.
     """
 
-    def __init__(self, root: ElementTree.Element, path: Path, packages: description.Packages) -> None:
+    def __init__(self, root: ElementTree.Element, path: Path, packages: robot_files.Packages) -> None:
         self._root, self._path = root, path
         self._missing: dict[str, str] = {}  # file name to its expected package or folder
         self._lost: dict[str, dict[str, tuple[str, ...]]] = {kind: {} for kind in _GEOMETRY}
@@ -44,7 +45,7 @@ class Meshes:
         for element in root.iter():
             if element.tag not in ("mesh", "texture") or "filename" not in element.attrib:
                 continue
-            name = description.package_uri(element.attrib["filename"])
+            name = robot_files.package_uri(element.attrib["filename"])
             element.set("filename", name)
             with ModelError.at(path):
                 found = packages.file(name)
@@ -149,7 +150,7 @@ class Meshes:
         text = f"{self._path}: {'; '.join(parts)}; boxes of the inertia's size stand in"
         warnings.warn(text, ModelWarning, stacklevel=6)
 
-    def _home(self, name: str, packages: description.Packages) -> str:
+    def _home(self, name: str, packages: robot_files.Packages) -> str:
         """Folder where a file is expected, or its package if that is not found, in words."""
         scheme, separator, rest = name.partition("://")
         if separator and scheme in ("package", "model"):

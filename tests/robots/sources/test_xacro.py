@@ -14,7 +14,7 @@ from xacro import substitution_args
 import rnc_pin as rnc
 from patience import ending_within
 from places import ROOT
-from rnc_pin.robots.sources.description import Packages
+from rnc_pin.robots.robot_files import Packages
 from rnc_pin.robots.sources.urdf import CHILDREN
 from rnc_pin.robots.sources.xacro import expand
 from rnc_pin.robots.sources.xacro.definitions import read_macro

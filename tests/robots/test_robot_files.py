@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.robots.sources.description import AllowedFolders, Packages, folders_above, package_name
+from rnc_pin.robots.robot_files import AllowedFolders, Packages, folders_above, package_name
 from urdf_parts import TETRAHEDRON, XACRO, write
 
 INERTIAL = '<inertial><mass value="{}"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
