@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from rnc_pin.applications.init import other_bases
 from rnc_pin.applications.init.assumptions import BaseAssumptions
-from rnc_pin.applications.init.evidence import LIKELY, DraftDecision
+from rnc_pin.applications.init.evidence import GUESSED, LIKELY, Alternative, DraftDecision
 from rnc_pin.applications.init.omnidirectional_base import (
     force_driven_base,
     omnidirectional_base,
@@ -28,7 +28,7 @@ from rnc_pin.applications.init.trial import Trial
 from rnc_pin.applications.init.wheel_detection import Wheel, WheelSearch
 from rnc_pin.applications.init.wheel_layout import WheelLayout, classify_wheels
 from rnc_pin.applications.init.wheeled_base import knife_edge_base, wheeled_base
-from rnc_pin.errors import ConfigurationError, ModelError, ModelWarning, RncError
+from rnc_pin.errors import ConfigurationError, ModelError, ModelWarning, RncError, few
 from rnc_pin.verdict import Finding, FindingKind
 
 
@@ -39,7 +39,7 @@ class BaseEvidence:
     Attributes:
         at_start: the robot.
         source: its file, with the user's choices.
-        crossed: joints across the cylinders that they turn, as mistakes of the file.
+        search: its wheels, and what is drawn as a wheel.
         layout: wheels on which it stands, by their function.
         axles: axles that are only drawn, if no wheel has a joint.
         drawn: wheels that are only drawn on pivots, beside such axles.
@@ -49,7 +49,7 @@ class BaseEvidence:
 
     at_start: RobotAtStart
     source: Source
-    crossed: list[str]
+    search: WheelSearch
     layout: WheelLayout
     axles: list[Wheel]
     drawn: WheelLayout
@@ -79,7 +79,11 @@ class BaseEvidence:
     def complete(self, mobility: BaseAssumptions) -> None:
         """Add the decisions on its wheels, the doubts about crossed axes, and locks of joints that nothing drives."""
         mobility.decisions[:0] = [each for each in (self.balance, self.rollers) if each is not None]
-        for each in self.crossed:
+        if self.asked is None and self.layout.wheels and self.search.guessed:
+            evidence = "they turn on and on about one axle in pairs, and their meshes were not found"
+            bolted, floats = Alternative("bolted down", {"base": "fixed"}), Alternative("afloat", {"base": "free"})
+            mobility.decide(f"Are {few(self.search.guessed)} wheels?", "yes", GUESSED, evidence, bolted, floats)
+        for each in self.search.crossed:
             mobility.doubts.append((each, 0.0, f"the axis of joint {each} is across that of its drawn cylinder"))
         if loose := self.at_start.loose:
             mobility.lock.update(loose)
@@ -107,7 +111,7 @@ BASE_KINDS = (
     ),
     BaseKind(
         lambda e: e.asked is None and e.layout.is_on_one_track and not e.layout.is_bicycle,
-        lambda e: other_bases.refuse_one_track(e.layout, e.crossed),
+        lambda e: other_bases.refuse_one_track(e.layout, e.search.crossed),
         is_last=True,
     ),
     BaseKind(lambda e: _is_yes(e.balance), lambda e: other_bases.balancing_base(e.layout, e.at_start)),
@@ -263,7 +267,8 @@ def _evidence(source: Source) -> BaseEvidence:
             shapes = search.drawn_wheels(wheels or axles)
     layout, least = WheelLayout(), 3  # drawn wheels on which a robot without other wheels stands
     if wheels or (len(shapes) >= least and not axles):
-        called = wheels_called_omni(standing := [*wheels, *shapes], at_start) if options.rollers is None else []
+        standing = [*wheels, *shapes]
+        called = wheels_called_omni(standing, at_start) if options.rollers is None else []
         sliding = called if len(called) < len(standing) else []
         layout = classify_wheels(standing, drives, search.raised if wheels else (), sliding)
         if layout.steered and not (layout.fixed or layout.is_swerve or layout.is_turret):
@@ -272,4 +277,4 @@ def _evidence(source: Source) -> BaseEvidence:
     balance = other_bases.balance_decision(layout, at_start, options.balance) if options.base is None else None
     rollers = rollers_decision(layout, at_start, options.rollers)
     drawn = classify_wheels(shapes, drives)
-    return BaseEvidence(at_start, source, search.crossed, layout, axles, drawn, balance, rollers)
+    return BaseEvidence(at_start, source, search, layout, axles, drawn, balance, rollers)

@@ -71,6 +71,7 @@ class Wheel:
         axle: axle direction in the world frame (3,).
         radius: radius [m]; 0 before it is measured.
         bottom: height of the lowest point [m].
+        width: width along the axle [m]; 0 if no shape tells it.
         measured: source of the radius: "collision" or "visual" geometry, "height" of the axle or "inertia".
         is_ball: True if the wheel is a sphere.
         pivots: nearly vertical joints between the wheel and the base, the nearest to the wheel first.
@@ -78,7 +79,7 @@ class Wheel:
         rollers: joints of the rollers on the rim.
         edge: settings of the knife edge that stands for a wheel without a joint about its axle; else None.
         imbalance: distance of its center of mass from the axle [m].
-        is_named: True if its joint or link has the name of a wheel.
+        is_named: True if its joint or link has the name of a wheel, or if it is one of a pair without meshes.
         is_doubtful: True if its name means another part: it is a wheel if its shape stands on the ground of others.
         turns_once: True if its limits permit one turn, as those of a wrist: doubtful too, but for a pair on one axle.
     """
@@ -89,6 +90,7 @@ class Wheel:
     axle: np.ndarray
     radius: float = 0.0
     bottom: float = 0.0
+    width: float = 0.0
     measured: str = ""
     is_ball: bool = False
     pivots: tuple[Pivot, ...] = ()
@@ -116,15 +118,20 @@ class Wheel:
         """True if its radius is that of a shape."""
         return self.measured in GEOMETRY
 
+    @property
+    def can_lean(self) -> bool:
+        """True for one disk with a joint; rollers, rigid axles with a disk at each end, and knife edges stand."""
+        return self.edge is None and self.width <= self.radius
+
     def touches(self, ground: float) -> bool:
         """Return whether it reaches down to a height [m]; a radius that was not measured may be half as large."""
         return self.bottom - ground < (NEAR if self.is_shaped else 1.0) * self.radius
 
     def is_in_line_with(self, other: Wheel) -> bool:
-        """Return whether it is on the axle line of another wheel, which has a radius."""
+        """Return whether it is on the axle line of another wheel."""
         beside = across(self.center - other.center, other.axle)
         is_parallel = np.linalg.norm(np.cross(self.axle, other.axle)) < ALIGNED
-        return bool(is_parallel and np.linalg.norm(beside) < placed(other.radius))
+        return bool(is_parallel and np.linalg.norm(beside) < placed(other.radius or np.inf))
 
     def is_like(self, other: Wheel) -> bool:
         """Return whether two disks on one body, which turn once, are equal and side by side on one axle line."""
@@ -140,6 +147,7 @@ class WheelSearch:
         at_start: the robot.
 
     Attributes:
+        guessed: joints that turn on and on about one axle in pairs, whose bodies lack all meshes: taken as wheels.
         virtual: joints at the height of axles that move no shape and nearly no mass beside a wheel: virtual wheels.
             Controllers of steered bases ask for such a wheel in the middle of each axle, and for a pivot above it.
         standing: wheels with a joint that touch the ground.
@@ -149,6 +157,17 @@ class WheelSearch:
     def __init__(self, at_start: RobotAtStart) -> None:
         self._at_start, self._model, self._data = at_start, at_start.robot.model, at_start.data
         candidates = list(self._candidates())
+        lost = set[int]().union(*(joints_without_mesh(at_start.robot, kind) for kind in GEOMETRY))
+        unseen = [
+            each
+            for each in candidates
+            if not (each.is_named or each.is_doubtful or each.turns_once or self._parts(each))
+            and self._model.getJointId(each.joint) in lost
+        ]
+        self.guessed = [
+            one.joint for one in unseen if any(one is not other and self._are_mates(one, other) for other in unseen)
+        ]
+        candidates = [replace(each, is_named=each.is_named or each.joint in self.guessed) for each in candidates]
         self.virtual = self._virtual_joints([each for each in candidates if self._parts(each)])
         found, named = self._measured([each for each in candidates if each.joint not in self.virtual])
         standing = self._on_the_ground(found)
@@ -301,7 +320,8 @@ class WheelSearch:
             disk = fitted_disk(parts, candidate.center, candidate.axle)
             if disk is not None and disk.width < widest * disk.radius:
                 is_ball = all(len(part.points) == 1 for part in parts)
-                return replace(self._sized(candidate, disk.radius, disk.bottom, kind), is_ball=is_ball)
+                sized = self._sized(candidate, disk.radius, disk.bottom, kind)
+                return replace(sized, is_ball=is_ball, width=disk.width)
         spun = self._radius_from_inertia(candidate)
         if not candidate.is_named and (spun is None or every):
             return None

@@ -148,7 +148,7 @@ class WheelLayout:
         if len(self.fixed) != 1 or len(self.steered) != 1 or self.balls or self.casters:
             return False
         rear, front = self.fixed[0], self.steered[0].wheels[0]
-        if len(self.steered[0].wheels) != 1 or not are_parallel(rear, front):
+        if len(self.steered[0].wheels) != 1 or not (rear.can_lean and front.can_lean and are_parallel(rear, front)):
             return False
         between = front.center - rear.center
         along = abs(float(between @ rear.heading))
@@ -158,7 +158,7 @@ class WheelLayout:
     def is_on_one_track(self) -> bool:
         """True if all wheels stand one behind the other, so that the robot falls sideways."""
         wheels = self.wheels
-        if len(wheels) < 2 or self.balls or not all(are_parallel(wheels[0], each) for each in wheels):
+        if len(wheels) < 2 or self.balls or not all(each.can_lean and are_parallel(wheels[0], each) for each in wheels):
             return False
         beside = [float((each.center - wheels[0].center) @ wheels[0].axle) for each in wheels]
         along = [float((each.center - wheels[0].center) @ wheels[0].heading) for each in wheels]
@@ -231,10 +231,11 @@ def classify_wheels(
 
 def _is_caster_across(wheel: Wheel, on_base: Iterable[Wheel], drives: DriveEvidence) -> bool:
     """True if an undriven wheel stands across all others: a ball caster of which the file draws one axis."""
-    is_idle = wheel.joint in drives.passive or has_word(_CASTER, *wheel.names)
+    others = [each for each in on_base if each.joint != wheel.joint and not are_parallel(each, wheel)]
+    is_weak = drives.efforts.get(wheel.joint) == 0 and all(drives.efforts.get(each.joint) for each in others)
+    is_idle = wheel.joint in drives.passive or is_weak or has_word(_CASTER, *wheel.names)
     if drives.says(wheel.joint) or not is_idle:
         return False
-    others = [each for each in on_base if each.joint != wheel.joint and not are_parallel(each, wheel)]
     return len(others) > 1 and all(are_parallel(others[0], each) for each in others)
 
 

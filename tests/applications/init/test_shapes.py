@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 import rnc_pin as rnc
-from rnc_pin.applications.init import draft
+from rnc_pin.applications.init import draft, draft_with_decisions
 from rnc_pin.applications.init.evidence import DriveEvidence
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.source import FileNames
@@ -99,3 +99,15 @@ def test_an_odd_number_of_rollers_makes_no_wheel_larger(count, tmp_path):
     angles = 2 * np.pi * np.arange(count) / count
     rollers = "".join(roller.format(0.12 * np.sin(each), -0.12 * np.cos(each)) for each in angles)
     assert radii(tmp_path, DISK.format(kind="collision", radius=0.13) + rollers) == [0.14, 0.14]
+
+
+@pytest.mark.filterwarnings("ignore:.*not found:rnc_pin.ModelWarning")
+@pytest.mark.parametrize("second", ["left", "right"])
+def test_pairs_that_turn_on_and_on_without_names_and_meshes_are_a_question(second, tmp_path):
+    """Two wheels of one axle and no round inertia; a body alone on its axle is none."""
+    text = cart(tmp_path, TYRE + SKIN, height=0.13).read_text().replace("left_wheel", "part_1")
+    text = text.replace("right_wheel", "part_2").replace('iyy="0.0042"', 'iyy="0.0022"')
+    (tmp_path / "cart.urdf").write_text(text.replace('<mass value="0.5"/>', '<mass value="0.9"/>', second == "left"))
+    found = draft_with_decisions(str(tmp_path / "cart.urdf"), tmp_path)
+    asked = [each.question for each in found.questions]
+    assert ("Are left_joint, right_joint wheels?" in asked) == (second == "right")

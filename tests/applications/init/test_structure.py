@@ -258,6 +258,15 @@ def semi():
     return robot(*parts, hitch, drawn_pair("rw", "truck", 0.0, **still), drawn("front", "truck", (0.4, 0, 0)))
 
 
+def rigid_axles():
+    """A car whose wheels turn with their axle: one joint for the disks at its ends. It does not lean."""
+    parts = [link("base", 20.0, BOX), pivot("turn", "base", (0.3, 0, 0))]
+    for name, parent, x in (("back", "base", -0.3), ("front", "turn", 0.0)):
+        parts.append(wheel(name, parent, (x, 0, 0), shape='<cylinder radius="0.02" length="0.4"/>'))
+        parts += [drawn(f"{name}{y}", name, (0, y, 0), kind="fixed") for y in (0.2, -0.2)]
+    return robot(*parts, transmissions("back_joint", "turn_joint"))
+
+
 DRAWN_CAR = robot(link("base", 10.0, BOX), pair("rear", "base", -0.3), drawn_pair("front", "base", 0.3))
 DRAWN_REAR = robot(
     link("base", 10.0, BOX), drawn_pair("rear", "base", -0.3, kind="fixed"), pivot("steer", "base", (0.3, 0, 0)),
@@ -287,11 +296,13 @@ TURRET = "planar: 5 wheels, driven by a turret with 2 wheels"
     (DRAWN_CAR, "planar: 4 wheels, steered like a car", ["rear_l_joint", "rear_r_joint", "front_l_joint"],
         {"no_side_slip": 1, "ackermann": 1}),
     (DRAWN_REAR, "planar: 2 wheels, steered like a car", ["w_joint", "steer_joint"], {"no_side_slip": 1}),
+    (rigid_axles(), "planar: 2 wheels, steered like a car", ["back_joint", "turn_joint"], {"rolling_wheel": 2}),
     (DRAWN_SWERVE, "planar: 4 wheels, 4 of them steered drives", 5, {"no_side_slip": 2}),
     (semi(), "planar: wheels are drawn on 2 axles", [PUSHED, "front_joint"], {"no_side_slip": 3}),
 ])  # fmt: skip
 def test_bases_are_what_their_joints_make_them_and_move(text, kind, actuators, counts, drafted, tmp_path):
     assert_base(drafted(text), kind, actuators, counts)
+    assert "no joint 'universe'" not in (tmp_path / "unit.yaml").read_text()  # a drawn axle is no wheel of a bicycle
     assert moved(tmp_path, **{"controller.tracker": "computed_torque"}) > 0.05
 
 
@@ -445,9 +456,9 @@ def two_steered_axles():
     return robot(link("base", 20.0, BOX), pair("m", "base", 0, 0.3), front, back)
 
 
-def with_axis_across(name):
+def with_axis_across(name, effort=10.0):
     """A ball caster of which the file draws one axis."""
-    turning = joint(f"{name}_joint", "base_footprint", name, (-0.25, 0, 0.05), "1 0 0")
+    turning = joint(f"{name}_joint", "base_footprint", name, (-0.25, 0, 0.05), "1 0 0", effort=effort)
     shape = '<cylinder radius="0.05" length="0.04"/>'
     return two_wheels(link(name, 0.1, shape, turn="0 1.570796326794897 0"), turning)
 
@@ -485,6 +496,7 @@ CAR = "planar: 4 wheels, steered like a car"
     (with_axis_across("aux"), {"passive": ["aux_joint"]}, "planar: 3 wheels, differential drive", L_R,
         {"lock": {"aux_joint"}}),
     (with_axis_across("aux"), {}, "planar: 3 omni wheels", 3, {}),
+    (with_axis_across("aux", effort=0.0), {}, "planar: 3 wheels, differential drive", L_R, {"lock": {"aux_joint"}}),
     (with_axis_across("caster"), {"driven": ["caster_joint"]}, "planar: 3 omni wheels", 3, {}),
     (kingpins(), {}, CAR, ["rear_l_joint", "rear_r_joint", "kingpin_l_joint"], {}),
     (with_virtual_wheels(), {}, CAR, ["back_l_joint", "back_r_joint", "k_l_joint"], {"lock": {*VIRTUAL}}),
