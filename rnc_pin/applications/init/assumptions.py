@@ -243,10 +243,6 @@ def _step(robot: Robot, name: str, value: float) -> float:
     return round(length if above >= (1 - SAME) * below else -length, 4)
 
 
-_UNPOWERED = "effort 0 in the file: CHECK its limit"
-_PASSIVE = "driven, although it is usually passive: CHECK"
-
-
 @dataclass(frozen=True)
 class ActuatorCandidates:
     """Candidate actuator entries, one input each, with a remark on each.
@@ -314,11 +310,12 @@ def actuator_candidates(
     unpowered = [name for name in joints if name in weak - named]
     passive = [name for name in joints if name in mobility.passive - conserved - named - followers - weak]
     given = [entry for entry, _ in driving]
-    remarked: dict[str, tuple[Entry, str]] = {name: (name, _UNPOWERED) for name in (*wheels, *unpowered)}
+    zero = "effort 0 in the file: CHECK its limit"
+    remarked: dict[str, tuple[Entry, str]] = {name: (name, zero) for name in (*wheels, *unpowered)}
     untold = "in place of actuators that the file does not describe: CHECK"
     return ActuatorCandidates(
         [*(each for each in driving if each[0] not in wheels), *((name, "") for name in sure)],
-        [*remarked.values(), *((name, _PASSIVE) for name in passive)],
+        [*remarked.values(), *((name, "driven, although it is usually passive: CHECK") for name in passive)],
         [(force, untold) for force in _forces(mobility) if force not in given],
         [remarked[name] for name in wheels],
     )

@@ -177,7 +177,6 @@ def is_revolute(robot: Robot, name: str) -> bool:
 
 
 _ONLY_READS = re.compile("state_?publisher|p3d|odometry_?publisher", re.IGNORECASE)
-_MANY = 3  # number of joints beside the base above which a list that names none of them is a list of the base alone
 
 
 @dataclass(frozen=True)
@@ -259,7 +258,8 @@ class DriveEvidence:
         A list of a URDF that names none of several joints is a list of the base alone.
         """
         left = [each for each in joints if self.says(each) is False]
-        of_base = not self.is_complete and len(left) == len(joints) > _MANY
+        several = 3  # number of joints beside the base above which a list that names none is one of the base alone
+        of_base = not self.is_complete and len(left) == len(joints) > several
         return [each for each in left if each in self.passive] if of_base else left
 
 

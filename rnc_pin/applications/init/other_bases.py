@@ -32,9 +32,6 @@ from rnc_pin.io import Json
 from rnc_pin.printing import significant
 from rnc_pin.robots import NO_LIMIT, flat_links
 
-_FAR, _FAST = 0.05, 0.5  # displacement and speed with the same cost as a tilt of 0.1 rad, at wheels of 0.1 m [m, m/s]
-_SMALL, _LARGE = 0.1, 0.3  # radii for which the costs of a body on one axle, and of a bicycle, are stated [m]
-
 
 def balance_decision(layout: WheelLayout, at_start: RobotAtStart, asked: bool | None) -> DraftDecision | None:
     """Return whether a base that stands on two wheels of one axle balances: by an option, its mass, supports and names.
@@ -87,15 +84,17 @@ def balancing_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptio
     tilt = f"{at_start.frame}_tilt_{ahead}"
     leaning: dict[str, Json] = {"frame_tilt": {"frame": at_start.frame, "axis": ahead}}
     forward = at_start.placement.rotation[:, "xyz".index(ahead)]
-    size = wheels[0].radius / _SMALL  # lengths grow with it, and times with its square root
+    # Costs are stated for wheels of 0.1 m: lengths grow with the radius, and times with its square root. A displacement
+    # of 0.05 m and a speed of 0.5 m/s then cost as much as a tilt of 0.1 rad.
+    size, far, fast = wheels[0].radius / 0.1, 0.05, 0.5
     cost: dict[str, Json] = {tilt: 100, f"{tilt}_dot": significant(size)}
     result.roll_line(wheels)
     for wheel in wheels:
         result.actuators.append((wheel.joint, ""))
         way = float(np.sign(wheel.heading @ forward)) * DRIVEN / wheel.radius
         result.outputs.append(({"joint": wheel.joint}, round(way, 2)))
-        cost[wheel.joint] = significant((wheel.radius / (size * _FAR)) ** 2)
-        cost[f"{wheel.joint}_dot"] = significant((wheel.radius / _FAST) ** 2 / size)
+        cost[wheel.joint] = significant((wheel.radius / (size * far)) ** 2)
+        cost[f"{wheel.joint}_dot"] = significant((wheel.radius / fast) ** 2 / size)
     result.outputs.append((leaning, 0.0))
     result.untracked.add(tilt)
     result.vertical += place_and_heading(at_start.frame)
@@ -149,7 +148,7 @@ def bicycle_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions
     result.drive_along(along, 0.0)
     result.outputs += [(leaning, 0.0), ({"joint": steering}, 0.0)]
     result.vertical += place_and_heading(at_start.frame)
-    size = rear.radius / _LARGE
+    size = rear.radius / 0.3  # the costs are stated for wheels of 0.3 m
     cost: dict[str, Json] = {tilt: 100, steering: 10, speed: significant(4 / size)}
     cost |= {f"{tilt}_dot": significant(size), f"{steering}_dot": significant(size)}
     wheelbase = abs(float((front.center - rear.center) @ rear.heading))
@@ -236,18 +235,17 @@ def _holding_torque(layout: WheelLayout, at_start: RobotAtStart) -> float:
 
 _LIMBS = 3  # a body with at least this number of limbs probably floats
 _UPRIGHT = 0.8  # smallest vertical part of the axes of rotors, and ratio of the lengths of their arms
-_HEAVY, _VERY_HEAVY = 0.5, 0.8  # share of the mass in the first link above which the base may float, and floats
 _AFLOAT = (
     "satellite|spacecraft|space_?robot|space|chaser|servicer|free_?fly(?:er|ing)|free_?float.*|floating|drone"
     "|.*copter|quadrotor|.*rotor|uav|mav|airship|blimp|rocket|underwater|rov|auv|submarine"
 )
 _AT_SEA = "boat|ship|vessel|usv|asv|catamaran|kayak|canoe|barge|hull|wam_?v|surface_vehicle"
-_MOVES_OVER_GROUND = "planar_?move.*|.*planar_?move|omnidirectional|holonomic|mecanum.*|force_?based_?move"
 
 
 def moves_over_ground(at_start: RobotAtStart) -> str:
     """Return why a robot without rolling wheels moves over the ground in any direction, or an empty string."""
-    if has_word(_MOVES_OVER_GROUND, at_start.names.plugins):
+    moves = "planar_?move.*|.*planar_?move|omnidirectional|holonomic|mecanum.*|force_?based_?move"
+    if has_word(moves, at_start.names.plugins):
         return "a plugin of the file moves it over the ground in any direction"
     if has_word(_AT_SEA, *at_start.title):
         return "a name of something that swims on the surface"
@@ -356,10 +354,11 @@ def _floats(at_start: RobotAtStart, mass_of_base: Callable[[], float]) -> tuple[
     if is_named:
         return "no wheels, and a name of something that floats", LIKELY
     share = mass / (mass + sum(inertia.mass for inertia in at_start.robot.model.inertias[1:]))
+    heavy, very_heavy = 0.5, 0.8  # share of the mass in the first link above which the base may float, and floats
     bolted = "table|pedestal|stand|mount|wall|ground|world|rail"
-    if share > _HEAVY and not has_word(bolted, *at_start.title, *at_start.names_on("universe")):
+    if share > heavy and not has_word(bolted, *at_start.title, *at_start.names_on("universe")):
         why = f"no wheels, and {100 * share:.0f} % of the mass in the first link: nothing is bolted so"
-        return why, LIKELY if share > _VERY_HEAVY else GUESSED
+        return why, LIKELY if share > very_heavy else GUESSED
     return "", LIKELY
 
 

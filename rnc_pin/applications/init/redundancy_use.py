@@ -19,11 +19,9 @@ from rnc_pin.outputs import CenterOfMass, FramePosition, FrameSpeed, FrameYaw, J
 from rnc_pin.verdict import Verdict
 
 _KEPT = "robot", "ground", "constraints", "mimic", "actuators", "forces", "obstacles"
-_MOTION, _REST, _MANOEUVRE = 4.0, 2.0, 24.0  # [s]
+_MOTION = 4.0  # duration of the reference [s]
 _NEAR = 0.7  # distance of joints from the start that is tried where the start is singular [rad or m]
 _BEND = 0.3  # motion of the joints [rad]
-_MARGIN = 0.1  # of the range of a joint that a bent start leaves to each limit
-_TRAVEL = 8.0  # distance of a vehicle that steers, in lengths of the robot
 
 
 @dataclass(frozen=True)
@@ -138,7 +136,7 @@ def _bent_start(
         ends = joint.position(scenario.q0) + np.array([-_NEAR, _NEAR])
         if not joint.continuous:
             low, high = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
-            margin = min(_BEND, _MARGIN * (high - low))  # the motion itself needs room
+            margin = min(_BEND, 0.1 * (high - low))  # the motion itself needs room to each limit
             ends = np.clip(ends, low + margin, high - margin)
         region[name] = float(ends[0]), float(ends[1])
     primary, vertical = _kinds(known, found.exploration.primary), _kinds(known, found.use.moved)
@@ -183,7 +181,7 @@ def _control(
     exploration, use = found.exploration, found.use
     controller: dict[str, object] = {"type": "redundancy", "preset": "scaled", "tracker": tracker}
     by: dict[str, list[float]] = {}
-    bent, duration = _BEND * share * exploration.length, _MOTION + _REST
+    bent, duration = _BEND * share * exploration.length, _MOTION + 2.0  # and a rest at the end [s]
     match use.redundancy_class:
         case "1" | "2":
             kinds = _kinds(known, use.moved)
@@ -192,13 +190,13 @@ def _control(
             by["vertical"] = [step / exploration.length if unit.startswith("rad") else step for unit in units]
             controller |= {"posture": {}} if exploration.motions > len(use.moved) else {}
         case "2s":  # it steers only while it drives
-            travel = share * _TRAVEL * exploration.length
+            travel = share * 8.0 * exploration.length  # eight lengths of the robot
             by["primary"] = [travel if "_speed_" in name else 0.0 for name in exploration.primary]
             by["vertical"] = [_BEND * share] * len(use.moved)
             controller["type"] = "steering"
         case "3":
             controller = {"type": "two_phase", "preset": "scaled", "platform": _parking(scenario, use, bent)}
-            duration = _MANOEUVRE
+            duration = 24.0  # [s] of a manoeuvre of several phases
         case _:
             raise ConfigurationError(use.reason)
     motions = {

@@ -45,13 +45,11 @@ from rnc_pin.io import Json, to_json_mapping
 from rnc_pin.model import NonholonomicSystem
 from rnc_pin.simulation import Outcome
 
-_REDUCTIONS, _LEAST_SHARE = 3, 0.05  # largest number of smaller motions that are tried, and the smallest share
 _SHORT, _REST = 0.1, 1  # duration of the first trial run, and of the run after the end of the reference [s]
 _PATIENCE = 20.0  # largest computing time of a trial run [s]
 _ADAPTIVE = "adaptive needs no inertias; the alternative, tracker: computed_torque, needs all"
 _INFORMED = "computed_torque knows the model; adaptive does not, and does not suit: {}"  # {}: the reason
-_FEEDBACK = "uses the model: state feedback by linearize and lqr at the start"
-_TRACKERS, _PERIODS = {"adaptive": _ADAPTIVE, "computed_torque": _INFORMED}, (0.002, 0.001)
+_TRACKERS = {"adaptive": _ADAPTIVE, "computed_torque": _INFORMED}
 
 
 @dataclass
@@ -150,11 +148,12 @@ class ScenarioCandidate:
         """Settings, period [s] and remark of each candidate controller, the preferred one first."""
         if self.mobility.feedback is not None:
             periods = (0.002, 0.0005)  # small robots fall fast
-            return [(self.mobility.feedback, dt, _FEEDBACK) for dt in periods]
+            said = "uses the model: state feedback by linearize and lqr at the start"
+            return [(self.mobility.feedback, dt, said) for dt in periods]
         return [
             ({"type": "reducing_outputs", "tracker": tracker, "preset": "scaled"}, dt, remark)
             for tracker, remark in _TRACKERS.items()
-            for dt in _PERIODS
+            for dt in (0.002, 0.001)  # [s]
             if not (is_loaded and tracker == "adaptive")
         ]
 
@@ -166,8 +165,9 @@ class ScenarioCandidate:
         If no motion keeps them, the usual one stays.
         """
         trial = usual = replace(self._try_out(scenario), share=self._share)
-        for _ in range(_REDUCTIONS):
-            if trial.kept_share == 1.0 or self._share * trial.kept_share < _LEAST_SHARE:
+        most, least_share = 3, 0.05  # number of smaller motions that are tried, and the smallest share of the usual one
+        for _ in range(most):
+            if trial.kept_share == 1.0 or self._share * trial.kept_share < least_share:
                 break
             self._reduce_motion(scenario, math.floor(100 * self._share * trial.kept_share) / 100)
             try:

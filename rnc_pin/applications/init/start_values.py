@@ -19,7 +19,6 @@ from rnc_pin.model import Kinematics, NonholonomicSystem, ReducedModel
 from rnc_pin.motion.planning import OutputTarget, solve_ik
 from rnc_pin.robots import Robot
 
-_COUPLED = 1e-9  # smallest entry of a constraint row that couples a joint
 _STEPS = 20  # number of steps in which a loop is followed
 
 
@@ -49,11 +48,12 @@ def uncoupled_joints(
     position = Kinematics(robot).position(robot.configuration(start))
     coupled = np.zeros(robot.nv, dtype=bool)
     kept: set[object] = set()
+    least = 1e-9  # smallest entry of a constraint row that couples a joint
     for entry, _ in constraints:
         if isinstance(entry, Mapping) and "momentum" in entry:
             kept.add(entry["momentum"])
             continue
-        coupled |= np.abs(constraint_of(entry).bind(robot).jacobian(position)).max(axis=0, initial=0.0) > _COUPLED
+        coupled |= np.abs(constraint_of(entry).bind(robot).jacobian(position)).max(axis=0, initial=0.0) > least
     return [name for name in joints if name not in kept and not coupled[robot.velocity_indices(name)].any()]
 
 
@@ -134,11 +134,6 @@ def _reach(reduced: ReducedModel, q: np.ndarray, row: int, step: float) -> _Reac
     return _Reach(1.0)
 
 
-_SOLVED = 1e-9  # largest gap of a configuration that is computed here
-_MARGIN = 0.02  # distance from a limit, as a share of the range
-_PULLED, _TURNED_ASIDE = 0.1, 0.6  # [m], [rad]
-_POSES, _ASIDE = 4, 0.5  # number of random poses for the gravity check, and their distance from the start [rad or m]
-
 _Values = dict[str, float]
 
 
@@ -166,7 +161,8 @@ def start_values(robot: Robot) -> _Values:
 def _inner_range(robot: Robot, name: str) -> tuple[float, float]:
     """Range of a joint without the margins at its ends [rad or m]."""
     low, high = joint_range(robot, name)
-    margin = _MARGIN * (high - low) if np.isfinite(high - low) else 0.0
+    share = 0.02  # distance from a limit, as a share of the range
+    margin = share * (high - low) if np.isfinite(high - low) else 0.0
     return low + margin, high - margin
 
 
@@ -210,7 +206,7 @@ def _closed(robot: Robot, start: _Values) -> _Values:
             return values
     targets: dict[OutputTarget, float] = {output_of({"joint": name}): _middle(robot, name) for name in coupled}
     found = solve_ik(system.reduce(), robot.configuration(start), targets, hold=loose)
-    if found.holonomic_residual > _SOLVED:
+    if found.holonomic_residual > 1e-9:  # a solution is exact up to rounding, or none
         return start
     solved = robot.joint_values(found.q)
     return {name: round(float(np.ravel(solved[name])[0]), 9) + 0.0 for name in start}
@@ -253,7 +249,7 @@ def _smallest_eigenvalue(robot: Robot, start: Mapping[str, float]) -> float:
 def _aside(robot: Robot, name: str, value: float) -> float:
     """Value of a joint near a given one, within its limits."""
     low, high = joint_limits(robot, name)
-    step = min(_TURNED_ASIDE if is_revolute(robot, name) else _PULLED, (high - low) / 4)
+    step = min(0.6 if is_revolute(robot, name) else 0.1, (high - low) / 4)  # [rad] or [m]
     return round(value + (step if value + step < high else -step), 4)
 
 
@@ -304,9 +300,10 @@ def is_loaded(robot: Robot, q: np.ndarray, joints: Collection[str]) -> bool:
     least = np.maximum(np.linalg.norm(model.gravity.linear) * lever * np.array(weights), 1e-6)
     generator = np.random.default_rng(0)
     beside = [q]
-    for _ in range(_POSES):
+    poses, aside = 4, 0.5  # number of random poses, and their distance from the start [rad or m]
+    for _ in range(poses):
         step = np.zeros(model.nv)
-        step[rows] = generator.uniform(-_ASIDE, _ASIDE, len(rows))
+        step[rows] = generator.uniform(-aside, aside, len(rows))
         beside.append(pin.integrate(model, q, step))
     forces = [np.abs(pin.computeGeneralizedGravity(model, data, each))[rows] for each in beside]
     return bool((np.max(forces, axis=0) > least).any())

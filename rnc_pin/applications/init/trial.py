@@ -30,7 +30,6 @@ LOST = 0.5
 """Ratio of error to reference motion above which another kind of base is more likely."""
 MEANINGFUL = 1.0
 """Duration of the shortest run with a meaningful displacement [s]: a controller that learns starts late."""
-_USUAL_RADII = 0.002, 5.0  # [m] of wheels; others are probably in other units
 
 
 @dataclass(frozen=True)
@@ -118,7 +117,6 @@ def worst_output(trajectory: Trajectory, motions: Mapping[str, float], *, settle
     return max(trials, key=lambda each: each.relative_error)
 
 
-_MOVED = 0.5  # smallest share of the displacement that a base on wheels makes of the one that was asked for
 _OF_RUN = {
     FindingKind.POSITION,
     FindingKind.VELOCITY,
@@ -156,7 +154,7 @@ def model_findings(
         found.append(_model(rows, system.row_margin, severity, message))
     radii = [radius for entry, _ in mobility.constraints for radius in _radii(entry)]
     typical = median(radii) if radii else 1.0
-    if not _USUAL_RADII[0] < typical < _USUAL_RADII[1]:
+    if not 0.002 < typical < 5.0:  # [m]: other radii are probably in other units
         message = f"its wheels have a radius of {typical:g} m: lengths in a robot's file are in metres"
         found.append(_model(mobility.frame, typical, Severity.DEGRADES, message))
     given = [entry for entry, step in mobility.outputs if step and "joint" not in entry]
@@ -188,7 +186,8 @@ def run_findings(trial: Trial, trajectory: Trajectory, mobility: BaseAssumptions
     if asked and trial.duration >= MEANINGFUL:
         path = frame_poses(robot, mobility.frame, trajectory.q).planar[:, :2]
         moved = float(np.linalg.norm(path - path[0], axis=1).max())
-        if not moved >= _MOVED * asked:
+        enough = 0.5  # smallest share of the displacement that was asked for
+        if not moved >= enough * asked:
             message = f"its base moves {moved:.2g} m in the trial, and should move {asked:.2g} m"
             missing = asked - moved
             found.append(Finding(FindingKind.GOAL, mobility.frame, missing, "m", None, Severity.FAILS, message))
@@ -226,7 +225,6 @@ def _model(where: str, amount: float, severity: Severity, message: str) -> Findi
     return Finding(FindingKind.MODEL, where, amount, "", None, severity, message)
 
 
-_WIDTH = 118
 _WORDS = {Severity.FAILS: "NOT CONFIRMED", Severity.DEGRADES: "CHECK", Severity.NOTE: "Note"}
 
 
@@ -323,4 +321,4 @@ def _entries(key: str, entries: list[tuple[Entry, str]], remark: str, indent: st
 
 def _remark(text: str, indent: str = "") -> list[str]:
     text = printable(text, longest=len(text))  # names come from files, and YAML refuses control characters
-    return textwrap.wrap(text, _WIDTH, initial_indent=f"{indent}# ", subsequent_indent=f"{indent}# ")
+    return textwrap.wrap(text, 118, initial_indent=f"{indent}# ", subsequent_indent=f"{indent}# ")

@@ -12,7 +12,6 @@ from rnc_pin.applications.init.robot_at_start import first_smallest, placed
 from rnc_pin.applications.init.wheel_detection import Pivot, Wheel
 
 _CASTER = "caster.*|.*caster|castor.*|.*castor|swivel.*"
-_GLIDES = f"{_CASTER}|ball|support"
 TOWED = "hitch|trailer|kingpin|king_pin|coupler|coupling|drawbar|tow|towed|towbar"
 
 
@@ -201,7 +200,8 @@ def classify_wheels(
     on_base = [wheel for wheel in wheels if not wheel.pivots]
     others = any(not wheel.is_ball for wheel in wheels)  # if all are spheres, the file draws its wheels as spheres
     for wheel in on_base:
-        glides = wheel.is_ball and (others or has_word(_GLIDES, *wheel.names)) and drives.says(wheel.joint) is not True
+        named = others or has_word(f"{_CASTER}|ball|support", *wheel.names)
+        glides = wheel.is_ball and named and drives.says(wheel.joint) is not True
         (result.balls if glides or _is_caster_across(wheel, on_base, drives) else result.fixed).append(wheel)
     groups: dict[str, list[Wheel]] = {}
     for wheel in (each for each in wheels if each.pivots):

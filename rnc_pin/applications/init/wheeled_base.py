@@ -15,8 +15,6 @@ from rnc_pin.applications.init.wheel_layout import TOWED, WheelGroup, WheelLayou
 from rnc_pin.errors import few
 from rnc_pin.io import Json
 
-_TRACK, _MANY = 3, 5  # smallest number of wheels of a track: called so, or of any name
-
 
 def wheeled_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
     """Base on one or more axles, with steered wheels, casters, trailers or tracks.
@@ -203,9 +201,10 @@ def tracks(layout: WheelLayout) -> list[list[Wheel]]:
     tracks. If the file names a motor of each wheel, there is no track.
     """
     wheels = layout.fixed
+    of_track, many = 3, 5  # smallest number of wheels of a track: called so, or of any name
     sides: dict[bool, list[Wheel]] = {}
     all_named = layout.driven.confidence >= SURE and len(layout.driven.joints) == len(layout.motorized)
-    if layout.steered or len(wheels) < 2 * _TRACK or all_named:
+    if layout.steered or len(wheels) < 2 * of_track or all_named:
         return []
     for wheel in wheels:
         sides.setdefault(_is_left(wheel, layout), []).append(wheel)
@@ -213,7 +212,7 @@ def tracks(layout: WheelLayout) -> list[list[Wheel]]:
     called = all(has_word(track_words, *wheel.names) for wheel in wheels)
     driven_above = {_is_left(wheel, layout) for wheel in layout.raised} == {True, False}
     each_side = sorted(sides.values(), key=lambda side: wheels.index(side[0]))
-    least = _TRACK if called or driven_above else _MANY
+    least = of_track if called or driven_above else many
     return each_side if len(sides) == 2 and min(map(len, each_side)) >= least else []
 
 
