@@ -27,8 +27,6 @@ from rnc_pin.applications.init.start_values import (
 from rnc_pin.applications.init.trial import (
     FAR,
     MEANINGFUL,
-    Drafted,
-    DraftedStart,
     Trial,
     kept_share,
     model_findings,
@@ -117,25 +115,28 @@ class ScenarioCandidate:
         Raises:
             RncError: no controller completes the run.
         """
-        scenario, mobility = self._scenario(), self.mobility
-        findings = model_findings(self.system, mobility, scenario["outputs"]["reducing"], self._against)
+        mobility, chosen = self.mobility, self._chosen_outputs()
+        mobility.actuators = self._actuators(chosen)
+        findings = model_findings(self.system, mobility, chosen.entries, self._against)
         loaded = "gravity loads the robot, and it learns this load slowly"
         failures = [loaded] if self._is_loaded() else []
         best: tuple[Trial, str] | None = None
         for controller, dt, remark in self._controllers(is_loaded=bool(failures)):
             if best is not None and controller.get("tracker") == "adaptive":
                 continue  # a shorter period would not reduce its tracking error
-            scenario["controller"] = controller
-            scenario["simulation"] = {"duration": assumptions.DURATION + _REST, "dt": dt}
+            settings: dict[str, Json] = {
+                "controller": controller,
+                "simulation": {"duration": assumptions.DURATION + _REST, "dt": dt},
+            }
             try:
-                trial = self._try_within_limits(scenario)
+                trial = self._try_within_limits(chosen, settings)
             except RncError as error:
                 failures.append(str(error))
                 continue
             if best is None or trial.relative_error < best[0].relative_error:
                 trial = replace(trial, findings=(*findings, *trial.findings))
-                said = remark.format(*failures[:1])
-                best = trial, write_draft(self.robot.name, scenario, said, trial, mobility)
+                raw, said = self._scenario(chosen, settings), remark.format(*failures[:1])
+                best = trial, write_draft(self.robot.name, raw, chosen.entries, said, trial, mobility)
             if trial.relative_error < FAR:
                 break
             failures.append(f"its run {trial.failure_text}")
@@ -159,38 +160,33 @@ class ScenarioCandidate:
 
     # ------------------------------------------------------------------ trial runs
 
-    def _try_within_limits(self, scenario: Drafted) -> Trial:
-        """Try a scenario; if it exceeds velocities or efforts of the file, reduce its motion until it keeps them.
+    def _try_within_limits(self, chosen: assumptions.ChosenOutputs, settings: Mapping[str, Json]) -> Trial:
+        """Try the scenario; if it exceeds velocities or efforts of the file, reduce its motion until it keeps them.
 
         If no motion keeps them, the usual one stays.
         """
-        trial = usual = replace(self._try_out(scenario), share=self._share)
+        trial = usual = replace(self._try_out(self._scenario(chosen, settings)), share=self._share)
         most, least_share = 3, 0.05  # number of smaller motions that are tried, and the smallest share of the usual one
         for _ in range(most):
             if trial.kept_share == 1.0 or self._share * trial.kept_share < least_share:
                 break
-            self._reduce_motion(scenario, math.floor(100 * self._share * trial.kept_share) / 100)
+            self._reduce_motion(math.floor(100 * self._share * trial.kept_share) / 100)
             try:
-                trial = replace(self._try_out(scenario), share=self._share)
+                trial = replace(self._try_out(self._scenario(chosen, settings)), share=self._share)
             except RncError:
                 break
         if trial.kept_share == 1.0:
             return trial
-        self._reduce_motion(scenario, usual.share)
+        self._reduce_motion(usual.share)
         return usual
 
-    def _reduce_motion(self, scenario: Drafted, share: float) -> None:
-        """Give a scenario a share of the usual motion."""
+    def _reduce_motion(self, share: float) -> None:
+        """Give the scenario a share of the usual motion."""
         self._share = share
         self.q0 = self._assembled_start()
-        scenario["initial"] = self._initial()
-        if "reference" in scenario:
-            scenario["reference"] = {"primary": self._reference()}
-        scenario["simulation"] = {**scenario["simulation"], "duration": assumptions.DURATION + _REST}
 
-    def _try_out(self, scenario: Drafted) -> Trial:
+    def _try_out(self, raw: dict[str, Json]) -> Trial:
         """Build the scenario with its preflight and run it: briefly, then as far as the computing time permits."""
-        raw = _without_remarks(scenario)
         experiment = build_experiment(validate(raw, "draft"), self.folder)
         result, taken = self._run(raw, experiment, _SHORT)
         possible = round(_SHORT * _PATIENCE / max(taken, 1e-6), 1)
@@ -265,32 +261,31 @@ class ScenarioCandidate:
             **({"gravity": [0, 0, 0]} if mobility.weightless else {}),
         }
 
-    def _scenario(self) -> Drafted:
-        """Scenario without the controller."""
+    def _scenario(self, chosen: assumptions.ChosenOutputs, settings: Mapping[str, Json]) -> dict[str, Json]:
+        """Scenario with the settings of a controller and the present share of the motion."""
         mobility = self.mobility
-        chosen = self._chosen_outputs()
         primary = [name for name in chosen.names if name not in mobility.untracked]
         view: dict[str, Json] = {"trail": [mobility.frame] if mobility.base != "fixed" else []}
         if mobility.ground is not None:
             view["ground"] = round(mobility.ground, 4) + 0.0
         elif mobility.weightless:
             view["ground"] = None
-        vertical = [entry for entry in mobility.vertical if entry not in chosen.entries]
         redundant = [name for name in chosen.names if name not in primary]
-        scenario: Drafted = {
+        scenario: dict[str, Json] = {
             "robot": self._robot_entry(),
-            "constraints": mobility.constraints,
-            "actuators": self._actuators(chosen),
-            "outputs": {"reducing": chosen.entries, "vertical": vertical},
+            "constraints": [entry for entry, _ in mobility.constraints],
+            "actuators": [entry for entry, _ in mobility.actuators],
+            "outputs": {"reducing": chosen.entries, "vertical": mobility.vertical},
             "task": {"primary": primary, **({"redundant": redundant} if redundant else {})},
             "initial": self._initial(),
             "view": view,
+            **settings,
         }
         if not mobility.v2:
             steps = zip(chosen.names, chosen.steps, strict=True)
             self._motions = {name: step for name, step in steps if name in primary}
             scenario["reference"] = {"primary": self._reference()}
-        return scenario
+        return to_json_mapping(scenario, "draft")
 
     def _chosen_outputs(self) -> assumptions.ChosenOutputs:
         """Reducing outputs; their motion stays within the loops."""
@@ -298,6 +293,7 @@ class ScenarioCandidate:
         chosen = assumptions.select_outputs(
             assumptions.output_candidates(mobility, self.robot, self.start), self.system, self.q0
         )
+        mobility.vertical = [entry for entry in mobility.vertical if entry not in chosen.entries]
         if mobility.feedback is not None:
             return chosen
         loose = uncoupled_joints(self.start, mobility.constraints, self.robot, self.start)
@@ -305,11 +301,11 @@ class ScenarioCandidate:
         mobility.notes += keep_within_loops(chosen, self.system, self.q0, coupled)
         return chosen
 
-    def _initial(self) -> DraftedStart:
+    def _initial(self) -> dict[str, Json]:
         """Joint values at the start, and rates of a robot that starts in motion: a steady speed, and a push."""
         mobility = self.mobility
         values = self.robot.joint_values(self.q0)
-        q: dict[str, float | list[float]] = {name: value for name, value in self.start.items() if value}
+        q: dict[str, Json] = {name: value for name, value in self.start.items() if value}
         q |= {name: (np.round(values[name], 9) + 0.0).tolist() for name in mobility.initial}
         kept = (mobility.feedback or {}).get("v2")
         steady = kept if isinstance(kept, Mapping) else {}
@@ -333,8 +329,3 @@ class ScenarioCandidate:
         if idle:
             self.mobility.notes.append(f"{why}, so that nothing drives them: {', '.join(idle)}")
         return driving
-
-
-def _without_remarks(scenario: Drafted) -> dict[str, Json]:
-    bare = {key: [entry for entry, _ in scenario[key]] for key in ("constraints", "actuators")}
-    return to_json_mapping({**scenario, **bare}, "draft")

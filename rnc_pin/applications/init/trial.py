@@ -10,7 +10,6 @@ import textwrap
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from statistics import median
-from typing import NotRequired, TypedDict
 
 import numpy as np
 
@@ -228,46 +227,25 @@ def _model(where: str, amount: float, severity: Severity, message: str) -> Findi
 _WORDS = {Severity.FAILS: "NOT CONFIRMED", Severity.DEGRADES: "CHECK", Severity.NOTE: "Note"}
 
 
-class DraftedOutputs(TypedDict):
-    """Entries of the outputs."""
-
-    reducing: list[Mapping[str, Json]]
-    vertical: list[Mapping[str, Json]]
-
-
-class DraftedStart(TypedDict):
-    """Values of joints and rates of outputs at the start."""
-
-    q: dict[str, float | list[float]]
-    v2: NotRequired[dict[str, float]]
-
-
-class Drafted(TypedDict):
-    """Parts of a drafted scenario; constraints and actuators have a remark each."""
-
-    robot: Mapping[str, Json]
-    constraints: list[tuple[Entry, str]]
-    actuators: list[tuple[Entry, str]]
-    outputs: DraftedOutputs
-    task: Mapping[str, Json]
-    initial: DraftedStart
-    view: Mapping[str, Json]
-    reference: NotRequired[Mapping[str, Json]]
-    controller: NotRequired[Mapping[str, Json]]
-    simulation: NotRequired[Mapping[str, Json]]
-
-
-def write_draft(name: str, scenario: Drafted, remark: str, trial: Trial, mobility: BaseAssumptions) -> str:
+def write_draft(
+    name: str,
+    scenario: Mapping[str, Json],
+    reducing: Iterable[Entry],
+    remark: str,
+    trial: Trial,
+    mobility: BaseAssumptions,
+) -> str:
     """Return the text of a scenario file.
 
     Args:
         name: name of the robot.
-        scenario: parts of the scenario.
+        scenario: content of the file.
+        reducing: entries of its reducing outputs.
         remark: remark on the controller.
         trial: result of the trial run.
-        mobility: assumptions about the base.
+        mobility: assumptions about the base, with remarks on its constraints and actuators.
     """
-    outputs, labels = scenario["outputs"], {True: "QUESTION", False: "Decided"}
+    labels, initial = {True: "QUESTION", False: "Decided"}, scenario["initial"]
     lines = [
         *_remark(f"First draft for {name}, guessed from its file by rnc-pin init: read it before you believe it."),
         *(line for each in trial.verdict.findings for line in _remark(f"{_WORDS[each.severity]}: {each}.")),
@@ -276,22 +254,22 @@ def write_draft(name: str, scenario: Drafted, remark: str, trial: Trial, mobilit
         f"title: {one_line_yaml(f'First draft for {name}')}",
         *_remark(f"base {mobility.base or 'as in the file'}: {mobility.kind}"),
         f"robot: {one_line_yaml(scenario['robot'])}",
-        *_entries("constraints", scenario["constraints"], _of_rows(scenario["constraints"])),
-        *_entries("actuators", scenario["actuators"], "# joint torques and forces"),
+        *_entries("constraints", mobility.constraints, _of_rows(mobility.constraints)),
+        *_entries("actuators", mobility.actuators, "# joint torques and forces"),
         "outputs:",
         *_remark("one row for each degree of freedom that the constraints leave; controllers move these", "  "),
-        *_entries("reducing", [(each, "") for each in outputs["reducing"]], "", "  "),
+        *_entries("reducing", [(each, "") for each in reducing], "", "  "),
     ]
-    if outputs["vertical"]:
+    if mobility.vertical:
         lines += [
             *_remark("these follow from the reducing outputs, and are monitored", "  "),
-            *_entries("vertical", [(each, "") for each in outputs["vertical"]], "", "  "),
+            *_entries("vertical", [(each, "") for each in mobility.vertical], "", "  "),
         ]
     lines.append(f"task: {one_line_yaml(scenario['task'])}")
-    if scenario["initial"]["q"] or scenario["initial"].get("v2"):
-        loops = any("loop_closure" in entry for entry, _ in scenario["constraints"])
+    if isinstance(initial, Mapping) and any(initial.values()):
+        loops = any("loop_closure" in entry for entry, _ in mobility.constraints)
         usual = "at zero, or in the middle of limits that do not contain zero" + "; loops start closed" * loops
-        lines += [*_remark(f"joints start {usual}"), f"initial: {one_line_yaml(scenario['initial'])}"]
+        lines += [*_remark(f"joints start {usual}"), f"initial: {one_line_yaml(initial)}"]
     if "reference" in scenario:
         words = "displacements in the order of task.primary: m along the ground or a slide, rad for angles"
         lines += [*_remark(f"a slow motion, {words}"), f"reference: {one_line_yaml(scenario['reference'])}"]

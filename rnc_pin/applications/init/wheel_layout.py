@@ -200,8 +200,8 @@ def classify_wheels(
     on_base = [wheel for wheel in wheels if not wheel.pivots]
     others = any(not wheel.is_ball for wheel in wheels)  # if all are spheres, the file draws its wheels as spheres
     for wheel in on_base:
-        named = others or has_word(f"{_CASTER}|ball|support", *wheel.names)
-        glides = wheel.is_ball and named and drives.says(wheel.joint) is not True
+        slides = others or has_word(f"{_CASTER}|ball|support", *wheel.names)
+        glides = wheel.is_ball and slides and drives.says(wheel.joint) is not True
         (result.balls if glides or _is_caster_across(wheel, on_base, drives) else result.fixed).append(wheel)
     groups: dict[str, list[Wheel]] = {}
     for wheel in (each for each in wheels if each.pivots):

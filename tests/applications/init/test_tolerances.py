@@ -26,8 +26,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::rnc_pin.ModelWarning")
 def built_only(monkeypatch):
     """Drafts are built with their preflight here, and not run."""
 
-    def build(self, scenario):
-        content = scenario_candidate._without_remarks(scenario)
+    def build(self, content):
         content["simulation"]["duration"] = 0.1  # so that the roll-out is short
         build_experiment(validate(content, "draft"), self.folder)
         return Trial(0.0)
