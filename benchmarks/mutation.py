@@ -41,7 +41,7 @@ TESTS = (
     *(f"tests/{name}" for name in PACKAGES), "tests/forces", "tests/simulation/test_simulate.py",
     "tests/simulation/test_batch.py",
     "tests/motion/optimal/test_plan_feedback.py", "tests/motion/optimal/test_predictive_control.py",
-    "tests/system/test_single_joint.py", "tests/robots/test_vehicles.py", "tests/system/test_copies.py",
+    "tests/system/test_single_joint.py", "tests/robots/test_robot.py", "tests/system/test_copies.py",
     "tests/system/test_regular_motion.py", "tests/system/test_wheel_rows.py", "tests/system/test_rounded_rows.py",
     "tests/system/test_uncertain_wheels.py", *DECLARED, "tests/visualization/test_scene_bodies.py",
 )  # fmt: skip

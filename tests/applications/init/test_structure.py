@@ -262,8 +262,8 @@ def rigid_axles():
     """A car whose wheels turn with their axle: one joint for the disks at its ends. It does not lean."""
     parts = [link("base", 20.0, BOX), pivot("turn", "base", (0.3, 0, 0))]
     for name, parent, x in (("back", "base", -0.3), ("front", "turn", 0.0)):
-        parts.append(wheel(name, parent, (x, 0, 0), shape='<cylinder radius="0.02" length="0.4"/>'))
-        parts += [drawn(f"{name}{y}", name, (0, y, 0), kind="fixed") for y in (0.2, -0.2)]
+        ends = (drawn(f"{name}{y}", name, (0, y, 0), kind="fixed") for y in (0.2, -0.2))
+        parts += [wheel(name, parent, (x, 0, 0), shape='<cylinder radius="0.02" length="0.4"/>'), *ends]
     return robot(*parts, transmissions("back_joint", "turn_joint"))
 
 
@@ -532,12 +532,8 @@ def test_wheels_in_line_do_not_skid_steer(drafted):
 
 def test_an_axis_across_a_drawn_cylinder_is_said(drafted, tmp_path):
     """Joints without an <axis> turn about x, and the cylinders of these wheels are about y."""
-    turned = (
-        two_wheels(LOW, tall=0.5)
-        .replace('axis xyz="0 1 0"', 'axis xyz="1 0 0"')
-        .replace('"l', '"wheel_l')
-        .replace('"r', '"wheel_r')
-    )
+    turned = re.sub('"(?=[lr](_joint)?")', '"wheel_', two_wheels(LOW, tall=0.5))
+    turned = turned.replace('axis xyz="0 1 0"', 'axis xyz="1 0 0"')
     with pytest.raises(
         ConfigurationError, match="wheel_l_joint, wheel_r_joint: the joint's axis is across that of its drawn"
     ):
@@ -654,8 +650,12 @@ def test_a_body_with_links_called_wheels_stays_on_the_ground_and_init_asks(draft
 
 def test_a_boat_is_no_spacecraft_and_an_unknown_body_is_a_question(drafted):
     hull = link("link_1", 50.0, '<box size="2 0.6 0.4"/>')
-    kind, content, _ = drafted(robot(hull, name="survey_boat"))
-    assert (kind, len(content["actuators"])) == ("planar: a name of something that swims on the surface", 3)
+    screw = link("screw", 0.3) + joint("screw_joint", "link_1", "screw", (-1, 0.3, -0.2), "1 0 0")
+    for parts in ("", screw, screw + screw.replace("screw", "other").replace("-1 0.3", "-1 -0.3")):
+        kind, content, _ = drafted(robot(hull, parts, name="survey_boat"))
+        assert kind == "planar: a name of something that swims on the surface"
+        assert [next(iter(each)) for each in content["actuators"][:3]] == ["force", "force", "torque"]
+        assert content["robot"].get("gravity") is None
     kind, _, decided = drafted(robot(hull))
     (question,) = decided.values()
     assert kind == "free: one rigid body"
@@ -746,14 +746,3 @@ def test_the_path_of_a_name_begins_at_its_point(drafted, tmp_path):
         run = execute(Scenario.load(str(tmp_path / "unit.yaml"), {"simulation.duration": 0.5})).trajectory
         (path,) = [each for each in ground_paths(run) if each.name == "base"]
         np.testing.assert_allclose(path.points, run.q[:, :2], atol=1e-9)
-
-
-def test_a_boat_with_propellers_stays_on_the_water(drafted):
-    parts = [link("base", 80.0, '<box size="2 0.8 0.5"/>')]
-    for side, y in (("l", 0.3), ("r", -0.3)):
-        turns = joint(f"screw_{side}_joint", "base", f"screw_{side}", (-1, y, -0.2), "1 0 0")
-        parts += [link(f"screw_{side}", 0.3), turns]
-    kind, content, _ = drafted(robot(*parts, name="survey_boat"))
-    assert kind == "planar: a name of something that swims on the surface"
-    assert content["robot"].get("gravity") is None
-    assert [next(iter(each)) for each in content["actuators"][:3]] == ["force", "force", "torque"]
