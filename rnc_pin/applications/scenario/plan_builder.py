@@ -49,12 +49,6 @@ def frame_poses(robot: Robot, frame: str, configurations: np.ndarray) -> FramePo
     return FramePoses(np.column_stack([place[:, :2], heading]), place[:, 2])
 
 
-def task_starts(reduced: ReducedModel, task: Task, q0: np.ndarray) -> dict[str, np.ndarray]:
-    """Values of the task's outputs at a configuration, by role: ``primary``, ``redundant``, ``vertical``."""
-    x1, x2 = reduced.at(q0).outputs()
-    return {"primary": x2[task.primary], "redundant": x2[task.redundant], "vertical": x1[task.vertical]}
-
-
 def task_references(
     scenario: ScenarioFile, reduced: ReducedModel, task: Task, q0: np.ndarray, motion: optimal.MotionPlan | None
 ) -> tuple[dict[str, Reference], tuple[str, ...]]:
@@ -69,22 +63,22 @@ def task_references(
     """
     if motion is not None and scenario.reference.path is not None:
         raise ConfigurationError("reference.path: 'planner' plans the motion; remove one of them")
-    said, starts = scenario.reference, task_starts(reduced, task, q0)
+    said, (x1, x2) = scenario.reference, reduced.at(q0).outputs()
     followed = frozenset[str]() if scenario.controller is None else scenario.controller.followed
     references: dict[str, Reference] = {}
     given = []
-    for name, settings, outputs, coordinates in (
-        ("primary", said.primary, task.primary_names, task.primary_coordinates),
-        ("redundant", said.redundant, task.redundant_names, task.redundant_coordinates),
-        ("vertical", said.vertical, task.vertical_names, task.vertical_coordinates),
+    for name, settings, start, outputs, coordinates in (
+        ("primary", said.primary, x2[task.primary], task.primary_names, task.primary_coordinates),
+        ("redundant", said.redundant, x2[task.redundant], task.redundant_names, task.redundant_coordinates),
+        ("vertical", said.vertical, x1[task.vertical], task.vertical_names, task.vertical_coordinates),
     ):
         try:
             if settings is not None:
-                references[name] = settings.from_start(starts[name], coordinates)
+                references[name] = settings.from_start(start, coordinates)
             elif motion is not None and outputs and name in followed:
                 references[name] = motion.reference(outputs)
             else:
-                references[name] = Hold(starts[name])
+                references[name] = Hold(start)
                 continue
             given.append(name)
         except (ConfigurationError, InputError) as error:

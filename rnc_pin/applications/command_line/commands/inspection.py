@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shlex
 from contextlib import suppress
@@ -18,7 +19,7 @@ from rnc_pin.applications.scenario.files import parse_options
 from rnc_pin.applications.scenario.output_folder import check_new_file, one_line_errors
 from rnc_pin.applications.scenario.plant_builder import start_findings, warnings_of
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.applications.scenario.schema.scenario import schema_text
+from rnc_pin.applications.scenario.schema.scenario import schema
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.io import atomic_file
 from rnc_pin.printing import items
@@ -84,7 +85,7 @@ def _held(lock: tuple[str, ...]) -> dict[str, float]:
 
 def print_schema() -> None:
     """Print the JSON Schema of scenario files."""
-    click.echo(schema_text(), nl=False)
+    click.echo(json.dumps(schema(), indent=2, ensure_ascii=False))
 
 
 def inspect_system(system: str, options: tuple[str, ...], samples: int, seed: int, as_json: bool) -> None:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import cache
 from typing import Annotated, ClassVar, Literal, TypeVar, cast
 
-from pydantic import BaseModel, BeforeValidator, Field, TypeAdapter, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter, model_validator
 
 from rnc_pin.applications.scenario.controllers import TYPES, ControllerItem
 from rnc_pin.applications.scenario.schema import kinds
@@ -364,13 +362,18 @@ def admitted(model: type[_Model], raw: Mapping[str, Json], source: str) -> _Mode
     return validated(model, raw, source, _is_tag)
 
 
+_AT_FIRST_USE = ConfigDict(defer_build=True)  # building a reader takes 30 ms
+_CONSTRAINT: TypeAdapter[ConstraintKind] = TypeAdapter(kinds.ConstraintItem, config=_AT_FIRST_USE)
+_OUTPUT: TypeAdapter[OutputKind] = TypeAdapter(kinds.OutputItem, config=_AT_FIRST_USE)
+
+
 def constraint_of(entry: Mapping[str, Json] | str) -> ConstraintKind:
     """Constraint of one valid entry of ``constraints``.
 
     Args:
         entry: the entry.
     """
-    return cast("ConstraintKind", _validator(kinds.ConstraintItem).validate_python(entry))
+    return _CONSTRAINT.validate_python(entry)
 
 
 def output_of(entry: Mapping[str, Json]) -> OutputKind:
@@ -379,12 +382,7 @@ def output_of(entry: Mapping[str, Json]) -> OutputKind:
     Args:
         entry: the entry.
     """
-    return cast("OutputKind", _validator(kinds.OutputItem).validate_python(entry))
-
-
-@cache  # building a validator takes 30 ms
-def _validator(item: object) -> TypeAdapter[object]:
-    return TypeAdapter(item)  # type: ignore[arg-type]
+    return _OUTPUT.validate_python(entry)
 
 
 def schema() -> dict[str, Json]:
@@ -395,8 +393,3 @@ def schema() -> dict[str, Json]:
         "title": "rnc_pin scenario",
         **{key: value for key, value in content.items() if key != "title"},
     }
-
-
-def schema_text() -> str:
-    """Return the schema as text."""
-    return json.dumps(schema(), indent=2, ensure_ascii=False) + "\n"
