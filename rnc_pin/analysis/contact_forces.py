@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
+from typing import cast
 
 import numpy as np
 from numpy import ndarray as Array
@@ -13,8 +14,10 @@ from rnc_pin.array_shapes import Bool, Float
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.math.convex_programs import least_shares
 from rnc_pin.model.cached_property import cached_property
+from rnc_pin.model.evaluator import Evaluator, evaluator_for
 from rnc_pin.model.input_validation import Positive, check_positive_settings
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.rows import OutputStack
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.printing import ObjectSummary, SummaryMixin, counted, items
 
@@ -70,6 +73,12 @@ class ContactForceSet:
                 out[number, 0, contact.up] = 1.0
         return out
 
+    @cached_property
+    def _measuring(self) -> Evaluator:
+        """Evaluator that has all constraint rows as its outputs."""
+        rows = cast("OutputStack", self._reduced.all_constraints)
+        return evaluator_for(self._reduced.reduction_data.measuring(rows), self._reduced.evaluator)
+
     def _effects(self, rows: Array, lines: ContactLines | None) -> tuple[Array, Array | None]:
         """Matrices W (N, e, y) of the equations, and the combinations (N, e', 3) of the plane's balances in it."""
         of_rows = rows.mT
@@ -102,7 +111,9 @@ class ContactForceSet:
         """
         batch = state.q if state.q.ndim > 1 else state.q[None]
         lines = self._lines(state)
-        effects, kept = self._effects(state.all_rows.reshape(len(batch), *state.all_rows.shape[-2:]), lines)
+        # Moving ground is not among the outputs that the kernel measures.
+        rows = state.all_rows if self._reduced.affine else state.configuration.in_reduction(self._measuring).J1
+        effects, kept = self._effects(rows.reshape(len(batch), *rows.shape[-2:]), lines)
         needed, v_dot = state.forced_motion(T)
         if lines is None or kept is None:
             return effects, needed

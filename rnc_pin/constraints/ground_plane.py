@@ -296,7 +296,8 @@ class RollingRows(DirectionRows):
         check_defined(self.undefined, at.q, s[..., 0], FLAT, self.names)
         heading = across / s
         sideways = heading @ self._turned.T  # n x h
-        directions = np.stack([heading, sideways, np.broadcast_to(normal, heading.shape)], axis=-2)
+        directions = np.empty((*heading.shape, 3))
+        directions[..., 0, :], directions[..., 1, :], directions[..., 2, :] = heading, sideways, normal
         return place.translation + self.radius * (z * sideways - s * normal), directions
 
     def residual(self, at: PositionKinematics) -> np.ndarray:

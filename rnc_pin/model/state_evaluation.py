@@ -531,7 +531,11 @@ class StateEvaluation(ConfigurationEvaluation):
             external: generalized forces (..., nv) in addition to inputs; None for zero.
         """
         force = self._total_force(T, external)
-        v_dot = self.v_dot(self.accelerated(force))
+        if external is None and not self.batch:  # of one state, for any number of inputs
+            effects, free = self.input_accelerations
+            v_dot = self.v_dot(np.asarray(T) @ effects.T + free)
+        else:
+            v_dot = self.v_dot(self.accelerated(force))
         return -(force - self.bias - apply(self.M, v_dot)), v_dot
 
     def contact_forces(self, T: ArrayInput, external: Array | None = None) -> Float[Array, "*batch k"]:

@@ -22,7 +22,7 @@ from rnc_pin.math.linear_algebra import inverse
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.motion.whole_body.limit_stack import ContactBounds, ContactCones, LimitStack
-from rnc_pin.motion.whole_body.limits.control_limit import ControlSample, LimitRows
+from rnc_pin.motion.whole_body.limits.control_limit import ControlSample, LimitRows, known_state
 from rnc_pin.motion.whole_body.whole_body_program import SampleCount
 
 _KEPT = 2e-7  # [rad, m, and per second] excess over a limit that is an error of the integration
@@ -331,7 +331,7 @@ class Braking:
         """End of samples under the same inputs, and the amount by which it exceeds each limit of motion."""
         q, v2 = self._ahead(start, T, count)
         h = count * self._dt
-        end = self._reduced.at(q, v2, t=t + h)
+        end = known_state(self._reduced, q, v2, t + h)
         mean = np.asarray(pin.difference(self._reduced.robot.model, start.q, q)) / h
         by_rows = self._limits.judged_by_rows.any()
         sample = ControlSample(self._reduced, t, start.q, start.v2, h, start) if by_rows else None
@@ -354,7 +354,7 @@ class Braking:
         if broken is not None:
             return BrakingMotion(reached.q, reached.v2, np.zeros((0, len(reached.T))), broken)
         t += self._dt
-        return self.motion(self._reduced.at(reached.q, reached.v2, t=t), t, before, ground, together)
+        return self.motion(known_state(self._reduced, reached.q, reached.v2, t), t, before, ground, together)
 
     def _broken(self, exceeded: Array, allowed: Array) -> str | None:
         """First limit that is exceeded by more than is allowed."""

@@ -19,7 +19,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.motion.whole_body.braking_motion import BrakedSample, Braking, BrakingState
 from rnc_pin.motion.whole_body.limit_stack import ContactBounds, ContactCones, ProgramBounds
-from rnc_pin.motion.whole_body.limits.control_limit import ControlLimit, ControlSample, LimitRows
+from rnc_pin.motion.whole_body.limits.control_limit import ControlLimit, ControlSample, LimitRows, known_state
 from rnc_pin.motion.whole_body.task_hierarchy import RelaxedSolution, SampledDamping, TaskLevel, solve_within
 from rnc_pin.motion.whole_body.tasks import ControlTask
 from rnc_pin.motion.whole_body.whole_body_program import SampleCount, WholeBodyProgram
@@ -378,7 +378,7 @@ class InverseDynamicsQP(WholeBodyProgram):
         wanted = np.ceil(2.0 * (error / (DEFAULT_TOLERANCE * self.dt)) ** 0.25)
         if wanted > 2.0:
             q, v2 = self._integrated(state, T, int(min(wanted, _MOST_STEPS)))
-        return self._reduced.at(q, v2)
+        return known_state(self._reduced, q, v2)
 
     def _integrated(self, state: StateEvaluation, T: Array, steps: int, h: float | None = None) -> tuple[Array, Array]:
         """Configuration and reduced velocity after a number of Runge-Kutta steps, which make a sample by default."""
@@ -435,7 +435,9 @@ class InverseDynamicsQP(WholeBodyProgram):
         moved, contacts, resting = limits.rows @ program.still, program.contacts, program.resting
         given, ground = resting[self._limited], contacts.rows @ resting
         return ProgramBounds(
-            np.vstack([limits.rows @ program.motion, program.inputs[self._limited], contacts.rows @ program.inputs]),
+            np.concatenate(
+                [limits.rows @ program.motion, program.inputs[self._limited], contacts.rows @ program.inputs]
+            ),
             np.concatenate([limits.lower - moved, -self._efforts - given, np.full(len(contacts.upper), -np.inf)]),
             np.concatenate([limits.upper - moved, self._efforts - given, contacts.upper - ground]),
             np.concatenate([limits.places, *self._forces]),

@@ -286,9 +286,13 @@ class _Level:
         self.unused = self._right[rank:]
         self._values, self._squares = values[:rank], values[:rank] ** 2 + damping**2
         self._amounts = rate @ left[:, :rank]
+        # Costs of all coordinates, also of those that are left free, and their products with the goal.
+        cheap = _FREE_COST**2 * (float(self._squares[-1]) if rank else 1.0)
+        self._costs = np.append(self._squares, np.full(len(self.unused), cheap))
+        self._pulls = np.append(self._values * self._amounts, np.zeros(len(self.unused)))
         self._along, self._wanted = left[curved, :rank], rate[curved]
         self._start: Array | None = None
-        self._solved: dict[float, tuple[Array, Array, Array]] = {}  # the last program, by its damping
+        self._solved: dict[float, tuple[Array, Array]] = {}  # the last program, by its damping
         self.added = self._added_without_limits() if factor else 0.0
 
     def _added_without_limits(self) -> float:
@@ -303,11 +307,9 @@ class _Level:
 
     def without_limits(self) -> _Point:
         """Solution without limits."""
-        determined = self._free.Z @ (self._right[: len(self._values)].T @ self._share_of_rate(self.added))
+        share = self._values * self._amounts / (self._squares + self.added)
+        determined = self._free.Z @ (self._right[: len(self._values)].T @ share)
         return _Point(self._free.kept + determined, determined, np.zeros(0))
-
-    def _share_of_rate(self, added: float) -> Array:
-        return np.asarray(self._values * self._amounts / (self._squares + added))
 
     def within(self, bounds: ProgramBounds, start: Array | None, near: float) -> _Point | None:
         """Solution within limits, which can cause a residual too; None if there is none.
@@ -317,38 +319,32 @@ class _Level:
             start: multipliers to start from.
             near: damping in a similar program; zero if none is known.
         """
-        self._start = start
+        self._start, kept = start, bounds.rows @ self._free.kept
+        self._limits = bounds.rows @ self._free.Z @ self._right.T, bounds.lower - kept, bounds.upper - kept
         if self._factor:
-            self.added = residual_damping(
-                lambda added: self._residual(bounds, added), self._factor, _size(self._wanted), 0.0, near or self.added
-            )
-        found = self._solved.get(self.added) or self._nearest(bounds, self.added)
+            self.added = residual_damping(self._residual, self._factor, _size(self._wanted), 0.0, near or self.added)
+        found = self._solved.get(self.added) or self._nearest(self.added)
         if found is None:
             return None
-        y, T, multipliers = found
-        determined = T[:, : len(self._values)] @ y[: len(self._values)]
-        return _Point(self._free.kept + T @ y, determined, multipliers)
+        along, multipliers = found
+        directions, rank = self._free.Z @ self._right.T, len(self._values)
+        determined = directions[:, :rank] @ along[:rank]
+        return _Point(self._free.kept + directions @ along, determined, multipliers)
 
-    def _nearest(self, bounds: ProgramBounds, added: float) -> tuple[Array, Array, Array] | None:
-        """The y nearest to the goal within limits, T with the unknowns ``kept + T y``, and multipliers."""
-        rank, scales = len(self._values), np.sqrt(self._squares + added)
-        cheap = _FREE_COST * (float(scales[-1]) if rank else 1.0)
-        units = np.append(scales, np.full(len(self.unused), np.sqrt(cheap**2 + added)))
-        goal = np.append(scales * self._share_of_rate(added), np.zeros(len(self.unused)))
-        T = self._free.Z @ (self._right.T / units)
-        lower, upper = (each - bounds.rows @ self._free.kept for each in (bounds.lower, bounds.upper))
-        if (found := nearest_point(goal, bounds.rows @ T, lower, upper, self._start)) is None:
+    def _nearest(self, added: float) -> tuple[Array, Array] | None:
+        """Amounts along the singular directions within limits, and multipliers; None if there are none."""
+        units, (rows, lower, upper) = np.sqrt(self._costs + added), self._limits
+        if (found := nearest_point(self._pulls / units, rows / units, lower, upper, self._start)) is None:
             return None
         self._start = found.multipliers
-        return found.point, T, found.multipliers
+        return found.point / units, found.multipliers
 
-    def _residual(self, bounds: ProgramBounds, added: float) -> float:
-        found = self._nearest(bounds, added)
+    def _residual(self, added: float) -> float:
+        found = self._nearest(added)
         if found is None:
             return 0.0
         self._solved = {added: found}
-        z = found[0][: len(self._values)] / np.sqrt(self._squares + added)
-        return _size(self._wanted - self._along @ (self._values * z))
+        return _size(self._wanted - self._along @ (self._values * found[0][: len(self._values)]))
 
     def left_free(self, lower: Sequence[TaskLevel], determined: Array) -> _FreeDirections | None:
         """Return the directions that lower levels may use; None if there are none.

@@ -16,6 +16,17 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 
 
+def known_state(reduced: ReducedModel, q: Array, v2: Array, t: float | None = None) -> StateEvaluation:
+    """Evaluation at a state that the model has computed: it need not be validated.
+
+    Args:
+        reduced: the model.
+        q, v2: configuration (nq,) and reduced velocities (r,), which nobody changes afterwards.
+        t: time [s].
+    """
+    return reduced.at(q, v2, t=t) if reduced.rheonomic else StateEvaluation.at(reduced.evaluator, q, v2)
+
+
 class ControlSample:
     """Sample of a whole-body controller, as tasks and limits see it.
 
@@ -59,7 +70,7 @@ class ControlSample:
     def end(self) -> StateEvaluation:
         if self._end is None:
             ahead = pin.integrate(self._reduced.robot.model, self.start.q, self.dt * self.start.v)
-            self._end = self._reduced.at(ahead, self.start.v2, t=self.time)
+            self._end = known_state(self._reduced, ahead, self.start.v2, self.time)
         return self._end
 
     def along_reducing_outputs(self) -> StateEvaluation:
