@@ -109,11 +109,10 @@ class ContactForceSet:
             state: states (N,), or one state for all inputs.
             T: inputs of the actuators [N or N m].
         """
-        batch = state.q if state.q.ndim > 1 else state.q[None]
         lines = self._lines(state)
         # Moving ground is not among the outputs that the kernel measures.
         rows = state.all_rows if self._reduced.affine else state.configuration.in_reduction(self._measuring).J1
-        effects, kept = self._effects(rows.reshape(len(batch), *rows.shape[-2:]), lines)
+        effects, kept = self._effects(rows.reshape(-1, *rows.shape[-2:]), lines)
         needed, v_dot = state.forced_motion(T)
         if lines is None or kept is None:
             return effects, needed

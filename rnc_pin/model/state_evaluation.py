@@ -532,10 +532,10 @@ class StateEvaluation(ConfigurationEvaluation):
         """
         force = self._total_force(T, external)
         if external is None and not self.batch:  # of one state, for any number of inputs
-            effects, free = self.input_accelerations
-            v_dot = self.v_dot(np.asarray(T) @ effects.T + free)
+            v2_dot = np.asarray(T) @ self.input_accelerations[0].T + self.input_accelerations[1]
         else:
-            v_dot = self.v_dot(self.accelerated(force))
+            v2_dot = self.accelerated(force)
+        v_dot = self.v_dot(v2_dot)
         return -(force - self.bias - apply(self.M, v_dot)), v_dot
 
     def contact_forces(self, T: ArrayInput, external: Array | None = None) -> Float[Array, "*batch k"]:

@@ -248,11 +248,10 @@ class Braking:
         return way[-1][1], held, None
 
     def exceeded(
-        self, state: StateEvaluation, t: float, sample: ControlSample | None = None, mean: Array | None = None
+        self, state: StateEvaluation, t: float, rows: LimitRows | None = None, mean: Array | None = None
     ) -> Float[Array, " k"]:
-        """Amount by which a state exceeds each limit of motion."""
+        """Amount by which a state exceeds each limit of motion; arguments as of ``LimitStack.exceeded``."""
         found = np.zeros(len(self._names))
-        rows = None if sample is None else self._limits.rows(sample, braking=True)
         found[: len(self._limits.names)] = self._limits.exceeded(state, t, rows, mean)
         return found
 
@@ -333,9 +332,10 @@ class Braking:
         h = count * self._dt
         end = known_state(self._reduced, q, v2, t + h)
         mean = np.asarray(pin.difference(self._reduced.robot.model, start.q, q)) / h
-        by_rows = self._limits.judged_by_rows.any()
-        sample = ControlSample(self._reduced, t, start.q, start.v2, h, start) if by_rows else None
-        return end, self.exceeded(end, t + h, sample, mean)
+        rows = None
+        if self._limits.judged_by_rows.any():
+            rows = self._limits.rows(ControlSample(self._reduced, t, start.q, start.v2, h, start), braking=True)
+        return end, self.exceeded(end, t + h, rows, mean)
 
     def _ground_problem(self, decided: list[tuple[Array, Array, Array]], allowed: Array) -> str | None:
         """Condition of the ground that inputs violate at their states."""

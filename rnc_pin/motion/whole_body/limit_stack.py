@@ -178,18 +178,15 @@ class LimitStack:
             sample: the sample.
             braking: True for the rows of a braking motion.
         """
-        J, lower, upper, places = [], [], [], []
+        found = []
         for limit, where in zip(self._bound, self._places, strict=True):
             rows = limit.braking_rows(sample) if braking else limit.rows(sample)
             if rows is None:
                 continue
-            J.append(rows.jacobian)
-            lower.append(rows.lower)
-            upper.append(rows.upper)
-            places.append(where if rows.places is None else where[rows.places])
-        if not J:
+            found.append((*rows[:3], where if rows.places is None else where[rows.places]))
+        if not found:
             return LimitRows(np.zeros((0, self._nv)), np.zeros(0), np.zeros(0), np.zeros(0, dtype=int))
-        whole, low, high, chosen = (np.concatenate(each) for each in (J, lower, upper, places))
+        whole, low, high, chosen = (np.concatenate(each) for each in zip(*found, strict=True))
         used = np.isfinite(low) | np.isfinite(high)
         if not used.all():
             whole, low, high, chosen = whole[used], low[used], high[used], chosen[used]

@@ -73,11 +73,6 @@ class SampledDamping(NamedTuple):
     """Damping of each level in a similar program; empty if none is known."""
 
 
-def lever_sum(jacobian: Float[Array, "k r"], curved: Bool[Array, " k"]) -> float:
-    """Return the sum of the norms of the columns of the curved rows."""
-    return float(np.sqrt(curved @ (jacobian * jacobian)).sum())
-
-
 def residual_damping(
     residual: Callable[[float], float], factor: float, highest: float, at_zero: float, start: float = 0.0
 ) -> float:
@@ -167,15 +162,14 @@ class TaskStack:
 
     def at(self, sample: ControlSample) -> TaskLevel:
         """Return the rows of all levels at the end of a sample."""
-        roots = self._roots
-        J, rate = np.empty((len(roots), self._nv)), np.empty(len(roots))
+        J, rate = np.empty((len(self._roots), self._nv)), np.empty(len(self._roots))
         if self._outputs is not None:
             J[self._output_rows], rate[self._output_rows] = self._outputs.rows(sample)
         for bound, where in self._others:
             J[where], rate[where] = bound.rows(sample)
         if self._affine:
             rate = rate - J @ sample.end.b
-        return TaskLevel(roots[:, None] * (J @ sample.end.R), roots * rate)
+        return TaskLevel(self._roots[:, None] * (J @ sample.end.R), self._roots * rate)
 
     def divided(self, jacobian: Float[Array, "k x"], rate: Float[Array, " k"]) -> list[TaskLevel]:
         """Return the levels of rows on any unknowns."""
@@ -188,7 +182,8 @@ class TaskStack:
             dt: its duration [s].
             jacobian: rows of all levels on the reduced velocities.
         """
-        levers = [lever_sum(jacobian[part], mask) for part, mask in zip(self._parts, self.curved, strict=True)]
+        parts = zip(self._parts, self.curved, strict=True)
+        levers = [float(np.sqrt(mask @ jacobian[part] ** 2).sum()) for part, mask in parts]
         return SampledDamping(dt, levers, self.curved)
 
 
@@ -397,11 +392,13 @@ def solve_cascade(
     rows, r, k = bounds.rows, bounds.rows.shape[1], len(bounds.lower)
     levels = levels or [TaskLevel(np.zeros((0, r)), np.zeros(0))]
     found = np.zeros((len(levels), k))
+    if sampled is None:
+        sampled = SampledDamping(0.0, [0.0] * len(levels), [np.zeros(len(each.rate), dtype=bool) for each in levels])
     if not damping and (attained := _within_all_limits(levels, bounds, sampled)) is not None:
         return CascadeSolution(attained, found, (0.0,) * len(levels))
     room = _TOUCHING * (1.0 + np.abs(rows).sum(axis=1))
     low, high = bounds.lower - room, bounds.upper + room
-    near = [0.0] * len(levels) if sampled is None or not sampled.near else list(sampled.near)
+    near = list(sampled.near) or [0.0] * len(levels)
     free, unknowns = _FreeDirections(np.zeros(r), np.eye(r), np.zeros(r)), None
     slow: tuple[Array, float] | None = None
 
@@ -413,12 +410,9 @@ def solve_cascade(
         own, rate = J @ free.Z, rate - J @ free.kept
         norm, size = (max(float(np.sqrt(np.vdot(each, each))), _NOTHING) for each in (own, J))
         start = None if multipliers is None else multipliers[index]
-        lever = 0.0 if sampled is None else sampled.levers[index]
         if free.stiffness.any():
             own, rate = np.vstack([own, np.diag(norm * free.stiffness)]), np.append(rate, np.zeros(len(free.stiffness)))
-        curved, factor = np.zeros(0, dtype=int), 0.0
-        if lever and sampled is not None:
-            curved, factor = np.flatnonzero(sampled.curved[index]), _SAMPLED_DAMPING * sampled.dt * lever
+        curved, factor = np.flatnonzero(sampled.curved[index]), _SAMPLED_DAMPING * sampled.dt * sampled.levers[index]
         level = _Level(free, own, rate, size, damping, curved, factor)
         point = level.without_limits()
         if not keeps(point.unknowns):
@@ -450,15 +444,11 @@ def _speed(basis: Array, J: Array, rate: Array) -> float:
     return _size(rate @ own) / largest if largest > _RANK**2 * np.vdot(J, J) else 0.0
 
 
-def _within_all_limits(
-    levels: Sequence[TaskLevel], bounds: ProgramBounds, sampled: SampledDamping | None
-) -> Array | None:
+def _within_all_limits(levels: Sequence[TaskLevel], bounds: ProgramBounds, sampled: SampledDamping) -> Array | None:
     """Solution of all levels where no limit is active at any; None for others, or without the compiled kernel."""
     J, rate = (np.concatenate(each) for each in zip(*levels, strict=True))
     ends = np.array([len(each.rate) for each in levels]).cumsum()
-    curved, factors, unknowns = np.zeros(len(J)), np.zeros(len(levels)), np.empty(J.shape[1])
-    if sampled is not None:
-        np.concatenate(sampled.curved, out=curved)
-        factors += _SAMPLED_DAMPING * sampled.dt * np.array(sampled.levers)
+    curved, unknowns = np.concatenate(sampled.curved).astype(float), np.empty(J.shape[1])
+    factors = _SAMPLED_DAMPING * sampled.dt * np.array(sampled.levers)
     limits = bounds.rows, bounds.lower, bounds.upper
     return unknowns if _kernel.library.cascade(J, rate, curved, ends, factors, *limits, unknowns) else None

@@ -7,7 +7,7 @@ from scipy.optimize import LinearConstraint, minimize
 
 from rnc_pin.math.convex_programs import nearest_point
 from rnc_pin.motion.whole_body.limit_stack import ProgramBounds
-from rnc_pin.motion.whole_body.task_hierarchy import SampledDamping, TaskLevel, lever_sum, solve_cascade
+from rnc_pin.motion.whole_body.task_hierarchy import SampledDamping, TaskLevel, solve_cascade
 
 
 def test_nearest_points_satisfy_the_conditions_of_optimality():
@@ -33,7 +33,7 @@ def test_lower_levels_leave_what_damped_levels_within_limits_determine():
     for _ in range(6):
         levels = [TaskLevel(generator.normal(size=(2, 10)), 2.0 * generator.normal(size=2)) for _ in range(3)]
         bounds = ProgramBounds(np.eye(10), np.full(10, -0.4), np.full(10, 0.4), np.arange(10), 10)
-        levers = [lever_sum(level.jacobian, np.ones(2, dtype=bool)) for level in levels[:2]]
+        levers = [np.linalg.norm(level.jacobian, axis=0).sum() for level in levels[:2]]
         damping = SampledDamping(0.0005, levers, [np.ones(2, dtype=bool)] * 2)
         third = damping._replace(levers=[*levers, 0.0], curved=[*damping.curved, np.zeros(2, dtype=bool)])
         two, three = (solve_cascade(levels[: len(each.levers)], bounds, 0.0, sampled=each) for each in (damping, third))

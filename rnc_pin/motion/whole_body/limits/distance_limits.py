@@ -225,9 +225,8 @@ class BoundCollisionAvoidance(BoundLimit):
 
     def _rows_of(self, near: PairDistances, sample: ControlSample) -> LimitRows:
         room = near.distance - self.clearances[near.pairs]
-        planned = np.full(len(near.pairs), self._deceleration or 0.0)
-        if self._deceleration is None:
-            planned = self._braking.decelerations(near.jacobian, sample.start)
+        given = self._deceleration
+        planned = np.full(len(room), given) if given else self._braking.decelerations(near.jacobian, sample.start)
         lower = -approach_speed(room, self._rate, planned) - near.drift
         return LimitRows(near.jacobian, lower, np.full(len(lower), np.inf), near.pairs)
 
