@@ -219,10 +219,6 @@ class WheeledBase:
         lever = float(np.abs(twist[np.linalg.norm(twist[:, :2], axis=1) > 0.5, 2]).max(initial=0.0))
         return lever if lever > _ROUNDED else 1.0
 
-    def _rates(self, position: PositionKinematics, v: Array) -> Array:
-        """Rates of the scaled rows along a velocity v (nv,), for the base's velocities only."""
-        return (self._rows.jacobian_dot(position.with_velocity(v)) * self._scales)[:, self.base]
-
     def _find_pivots(self, samples: Sequence[PositionKinematics]) -> None:
         found = np.array([self._rows.jacobian(each) * self._scales for each in samples])
         moved = np.abs(found[:, :, self._others]).max(axis=(0, 2), initial=0.0)
@@ -231,7 +227,8 @@ class WheeledBase:
         rows, unit = found[:, : self._own][:, ~is_guide[: self._own]], np.eye(found.shape[2])
         depends = np.zeros((found.shape[1], found.shape[2]), dtype=bool)
         for joint in self._others:
-            slopes = [self._rates(each, unit[joint]) @ self._to_base(each) for each in samples]
+            rates = [self._rows.jacobian_dot(each.with_velocity(unit[joint])) * self._scales for each in samples]
+            slopes = [rate[:, self.base] @ self._to_base(each) for rate, each in zip(rates, samples, strict=True)]
             depends[:, joint] = np.abs(slopes).max(axis=(0, 2)) > _ZERO
         steers = [joint for joint in self._others if depends[is_guide, joint].any() and self._turns(rows, joint, [])]
         pivot_of = {  # the last joint is the nearest to the wheel

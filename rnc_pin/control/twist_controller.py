@@ -106,8 +106,7 @@ class TwistController(ReprMixin):
         self.waits, self._acceleration = float(waits), most
         self.base, self.dt, self.slip = WheeledBase(reduced, frame, length), float(dt), float(slip)
         self.frame, self.joints = frame, driven_joints(reduced)
-        self._reduced = reduced
-        self._names = reduced.robot.velocity_names
+        self._reduced, self._names = reduced, reduced.robot.velocity_names
         self.steering = tuple(str(self._names[each]) for each in self.base.pivots)
         self._limits = velocity_limits(reduced, limits)
         self._entries = np.array([reduced.robot.velocity_indices(name).start for name in self.joints], dtype=int)

@@ -66,17 +66,9 @@ def driven_errors(reduced, frame, dt):
     return np.abs(error).max(), np.linalg.norm(true[:2] - first[:2])
 
 
-@pytest.mark.parametrize("name", KINDS)
-def test_encoders_of_the_motors_follow_the_base(name):
-    """The plant is integrated by smaller steps, in the plane of the world."""
-    error, way = driven_errors(drafted_model(KINDS[name]), "sensor", 0.02)
-    assert way > 0.2
-    assert error < 2e-4
-
-
 def test_odometry_is_of_second_order_while_the_steering_turns():
     reduced = drafted_model(KINDS["tricycle, driven in front"])
-    coarse, fine = (driven_errors(reduced, "base", dt)[0] for dt in (0.04, 0.02))
+    coarse, fine = (driven_errors(reduced, "sensor", dt)[0] for dt in (0.04, 0.02))
     assert 3.0 < coarse / fine < 5.5
 
 

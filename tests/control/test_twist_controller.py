@@ -7,7 +7,6 @@ import pytest
 import rnc_pin as rnc
 from driven_bases import KINDS, RADIUS, STEERING_RATE, KinematicPlant, drafted_model, tricycle, turret
 from rnc_pin.control import TwistController
-from rnc_pin.control.twist_controller import _choices
 from systems import ackermann_car, bicycle, fire_truck, spinning_space_robot
 from textbook_systems import differential_drive
 
@@ -98,14 +97,6 @@ def test_wheels_and_pivots_have_the_closed_forms_of_their_base(name, forward):
         assert found.v[reduced.robot.velocity_indices(joint).start] == pytest.approx(rate, abs=1e-6)
     assert max(map(abs, slips.values())) < 1e-6
     np.testing.assert_allclose(twist_of(reduced, found.v), twist, atol=1e-9)
-
-
-@pytest.mark.parametrize("name", AXLE)
-def test_a_free_entry_leaves_speed_and_turning_rate_as_they_are(name):
-    """Cars are told vx and wz; vy of a frame that is not on the axle follows."""
-    found = TwistController(model(name), "base").feasible(start(model(name)), [0.4, None, 0.3])
-    np.testing.assert_allclose(found.twist, suitable(name), atol=1e-9)
-    assert found.cuts == ()
 
 
 def test_the_nearest_twist_weights_turning_by_the_length():
@@ -351,12 +342,6 @@ def test_the_nearest_twist_within_limits_of_angle_beats_all_others(seed):
     for other in wanted + spread:
         if np.linalg.norm(scale * (other - wanted)) < distance - 1e-6:
             assert not rolls_within(other, name, 1.0)
-
-
-def test_more_wheels_than_vehicles_have_roll_as_they_favour():
-    favoured = np.array([-2.0, 0.0, 3.0, -0.1, 1.0, 1.0])
-    assert len({tuple(each) for each in _choices(favoured)}) == 2**6
-    assert np.array_equal(list(_choices(np.append(favoured, -1.0))), [[-1, 1, 1, -1, 1, 1, -1]])
 
 
 def test_a_tight_turn_stops_at_the_limit_of_the_angle():

@@ -1,5 +1,6 @@
 """Bases on wheels of all kinds: files, drafted models, and a plant that takes velocities of motors."""
 
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -30,7 +31,8 @@ class Wheel(NamedTuple):
     """Place of the wheel to the left of its pivot."""
 
 
-class Base(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Base:
     """URDF with its wheels, and angles of rollers from the heading, by joint."""
 
     urdf: str
@@ -116,7 +118,7 @@ def mecanum():
 def turret(behind=0.0):
     """A body on casters; a driven pivot carries two driven wheels, below it or some way behind."""
     parts = [
-        caster(f"swivel{k}", "base", (0.3 * np.cos(a), 0.3 * np.sin(a), -0.05)) for k, a in enumerate((0.5, 2.6, 4.7))
+        caster(f"swivel{k}", "base", (0.45 * np.cos(a), 0.45 * np.sin(a), -0.05)) for k, a in enumerate((0.5, 2.6, 4.7))
     ]
     parts += [pivot("turn", "base", (0.05, 0, 0), turns_round=True)]
     parts += [wheel(f"drive_{side}", "turn", (-behind, y, 0)) for side, y in (("l", 0.15), ("r", -0.15))]
@@ -142,20 +144,31 @@ KINDS = {
 }
 
 
-def drafted_model(base: Base) -> rnc.ReducedModel:
-    """Reduced model of the scenario that ``rnc-pin init`` drafts, which tests share."""
-    return _drafted(base.urdf, bool(base.rollers))
+def with_gripper(base: Base) -> Base:
+    """The base with a joint of an arm, and two fingers of which one mimics the other; its body is clear of wheels."""
+    parts = link("arm", 1.0, at="0.1 0 0") + joint("shoulder", "base", "arm", (0, 0, 0.4), "0 0 1", limits=(-2, 2))
+    for side, mimic in ((1, ""), (-1, '<mimic joint="f1_joint" multiplier="-1"/>')):
+        finger = joint(
+            f"f{side}_joint", "arm", f"f{side}", (0.3, 0.02 * side, 0), limits=(-0.05, 0.05), kind="prismatic"
+        )
+        parts += link(f"f{side}", 0.1) + finger.replace("</joint>", mimic + "</joint>")
+    urdf = base.urdf.replace("</robot>", parts + transmissions("shoulder", "f1_joint") + "</robot>")
+    return replace(base, urdf=urdf.replace(BOX, '<box size="0.04 0.04 0.04"/>'))
 
 
 @cache
-def _drafted(urdf: str, rollers: bool) -> rnc.ReducedModel:
+def drafted_model(base: Base) -> rnc.ReducedModel:
+    """Reduced model of the scenario that ``rnc-pin init`` drafts, which tests share."""
     with TemporaryDirectory() as name:
-        folder = Path(name)
-        file = folder / "unit.urdf"
-        file.write_text(urdf)
-        wishes = {"rollers": True} if rollers else {}
-        (folder / "unit.yaml").write_text(draft_with_decisions(str(file), folder, DraftOptions(**wishes)).text)
-        return Scenario.load(str(folder / "unit.yaml")).experiment.reduced
+        return Scenario.load(drafted_file(base, Path(name))).experiment.reduced
+
+
+def drafted_file(base: Base, folder: Path) -> str:
+    """Scenario file that ``rnc-pin init`` drafts in a folder."""
+    (folder / "unit.urdf").write_text(base.urdf)
+    wishes = DraftOptions(rollers=True) if base.rollers else DraftOptions()
+    (folder / "unit.yaml").write_text(draft_with_decisions(str(folder / "unit.urdf"), folder, wishes).text)
+    return str(folder / "unit.yaml")
 
 
 class KinematicPlant:

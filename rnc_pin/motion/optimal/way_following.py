@@ -128,7 +128,9 @@ class WayFollower(DescribedMixin):
             return VelocityTarget(v2=still, v2_dot=still), state
         away = self._away(state.place, q)
         if np.abs(away).max() > self.tube and state.end == self.way.duration:
-            state = state._replace(end=self._braked(state))
+            k = self._segment(state.place)
+            room = 0.5 * state.speed**2 * float(self._sizes[k]) / self.acceleration
+            state = state._replace(end=min(state.place + room, float(self._stops[k])))
         along = self.way.reduced_velocity(state.place)
         places, gains = self._gains
         K = gains[int(places.searchsorted(state.place, "right")) - 1]
@@ -157,12 +159,6 @@ class WayFollower(DescribedMixin):
         if place >= last - _END:
             return state._replace(place=last, speed=0.0, rate=0.0)
         return state._replace(place=place, speed=new, rate=(new - speed) / since if since else 0.0)
-
-    def _braked(self, state: WayState) -> float:
-        """Place at which the robot stops if it brakes now."""
-        k = self._segment(state.place)
-        most = self.acceleration / float(self._sizes[k])
-        return min(state.place + 0.5 * state.speed**2 / most, float(self._stops[k]))
 
     def _gains_along(self) -> tuple[Float[Array, " m"], Float[Array, "m r nv"]]:
         """Places, and gains of a linear-quadratic regulator from each to the next, at the speeds of the way."""

@@ -19,6 +19,7 @@ from rnc_pin.motion.planning.way_checking import NarrowPlace, WayChecker
 from rnc_pin.motion.planning.way_search import drive_times, speed_limits
 from rnc_pin.printing import Line, ObjectSummary, SummaryMixin, counted, items
 
+_SAME = 1e-9  # change of the direction of planned velocities that is none
 _JUMP = 1e-6  # change of the direction of reduced velocities above which a motion stops in between
 _TURN = 0.02  # the same for propagated ways, whose nodes give velocities to the accuracy of a step
 _SEEN = 1.0  # [m]; the narrowest place is looked for within this distance
@@ -146,6 +147,10 @@ def way_along(
         info: record of the search.
     """
     durations = drive_times(motion.steps, speed_limits(reduced, planned))
+    # Joints that follow slow down all of a straight motion alike, so that its velocity does not jump.
+    sizes, first = _straight(np.where(planned, motion.steps, 0.0), _SAME)
+    slowest = np.minimum.reduceat(sizes / durations, first)
+    durations = sizes / np.repeat(slowest, np.diff(np.append(first, len(sizes))))
     time = np.concatenate([[0.0], np.cumsum(durations)])
     v = motion.steps / durations[:, None]
     for array in (time, motion.q, v):
@@ -203,15 +208,18 @@ class _Pieces(NamedTuple):
         return counts, np.maximum(counts // 4, 1)
 
 
+def _straight(steps: Float[Array, "n k"], jump: float) -> tuple[Float[Array, " n"], Int[Array, " m"]]:
+    """Sizes of steps, and the first of all those in a row with the same direction, up to a jump."""
+    sizes = np.abs(steps).max(axis=1)
+    return sizes, np.flatnonzero(np.abs(np.diff(steps / sizes[:, None], axis=0, prepend=2.0)).max(axis=1) > jump)
+
+
 def _pieces(way: Way) -> _Pieces:
     u = np.matvec(way.reduced.at(way.q[:-1]).J2, way.v)
-    sizes = np.abs(u).max(axis=1)
-    k = np.flatnonzero(sizes)
-    sizes, directions = sizes[k], u[k] / sizes[k, None]
+    k = np.flatnonzero(np.abs(u).max(axis=1))
+    sizes, first = _straight(u[k], _JUMP if way.geodesic else _TURN)
     ends = np.concatenate([[0.0], np.cumsum(sizes * np.diff(way.time)[k])])
-    turns = np.abs(np.diff(directions, axis=0, prepend=2.0)).max(axis=1)
-    first = np.flatnonzero(turns > (_JUMP if way.geodesic else _TURN))
-    return _Pieces(k, directions, ends, ends[np.append(first, len(k))], np.minimum.reduceat(sizes, first))
+    return _Pieces(k, u[k] / sizes[:, None], ends, ends[np.append(first, len(k))], np.minimum.reduceat(sizes, first))
 
 
 def intervals_along(way: Way, least: int, duration: float) -> int:

@@ -14,7 +14,7 @@ import pinocchio as pin
 import scipy
 from numpy import ndarray as Array
 
-from rnc_pin.analysis.growth import filtration
+from rnc_pin.analysis.growth import filtration, grow
 from rnc_pin.array_shapes import Bool, Float, Int
 from rnc_pin.motion.planning.action_models import KinematicFlow, Shots
 from rnc_pin.motion.planning.exact_steering import ExactMotion, base_axes
@@ -152,7 +152,10 @@ class PropagatedSearch:
 
     def _directions(self, goal: Array) -> Float[Array, "k d"]:
         """Orthonormal directions that brackets reach at a goal: rows may keep other combinations of positions."""
-        return np.asarray(scipy.linalg.orth(filtration(self._flow.reduced, goal).closure[self._planned], rcond=1e-9))
+        reduced, rows = self._flow.reduced, self._planned
+        if np.linalg.matrix_rank(grow(reduced, goal).closure[rows], rtol=1e-9) == rows.sum():
+            return np.eye(rows.sum())  # further brackets are for joints that follow
+        return np.asarray(scipy.linalg.orth(filtration(reduced, goal).closure[rows], rcond=1e-9))
 
     def _distances(self, q: Array, target: Array) -> Float[Array, " n"]:
         away = self._flow.manifold.difference(q, np.broadcast_to(target, q.shape))

@@ -9,12 +9,10 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from driven_bases import KINDS, car, differential
 from drives import Watcher, point_of, pose_of, prepared, reduced_of
 from rnc_pin.applications.drive.commands import PlacedGoal, initial_goals
 from rnc_pin.applications.drive.controls import DriveControls, DrivenBase
 from rnc_pin.applications.drive.run import CommandQueue, DriveStatus, drive, goal_distances
-from rnc_pin.applications.init import draft
 from rnc_pin.motion.whole_body import LimitReport
 from urdf_parts import BOX, joint, link, robot, wheel
 
@@ -117,14 +115,6 @@ def pressed(forward, turn, samples):
 
 
 @pytest.mark.parametrize("rake", [0.0, 0.3])
-def test_a_joint_that_bends_the_path_is_no_wheel(rake, tmp_path):
-    controls = bending(tmp_path, rake).controls
-    base = controls.base
-    assert (base.turns, base.slides, base.steering, base.wheels) == (False, False, "bend", ())
-    assert list(controls.joints) == ["bend"]
-
-
-@pytest.mark.parametrize("rake", [0.0, 0.3])
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_left_and_right_bend_the_path_to_their_sides(rake, side, tmp_path):
     run = bending(tmp_path, rake, pressed(1.0, side, 200))
@@ -168,29 +158,6 @@ def test_an_articulated_vehicle_that_stays_does_not_fold(tmp_path):
     run = bending(tmp_path, 0.0, commands)
     trajectory = drive(run, samples=100).trajectory
     np.testing.assert_allclose(pose_of(run, trajectory.q[-1]), pose_of(run, trajectory.q[0]), atol=1e-3)
-
-
-SWERVE, CART = KINDS["four steered drives"], differential()
-DRIVEN = [(SWERVE, 1, 0, 0), (SWERVE, 0, 1, 0), (SWERVE, 0, 0, 1), (SWERVE, 1, 0, 1), (CART, 1, 0, 1), (car(), 1, 0, 0)]
-
-
-@pytest.mark.parametrize(("kind", "forward", "left", "turn"), DRIVEN)
-def test_wheels_of_a_driven_draft_are_aimed_at_one_point_and_stay_on_the_ground(kind, forward, left, turn, tmp_path):
-    """A wheel at (x, y) of a base with the twist (vx, vy, w) moves along (vx - w y, vy + w x)."""
-    (tmp_path / "unit.urdf").write_text(kind.urdf.replace(BOX, '<box size="0.1 0.1 0.05"/>'))  # clear of the wheels
-    (tmp_path / "unit.yaml").write_text(draft(str(tmp_path / "unit.urdf"), tmp_path))
-    key = {"kind": "base_velocity", "forward": float(forward), "left": float(left), "turn": float(turn)}
-    run = prepared(str(tmp_path / "unit.yaml"), [(k, key) for k in range(0, 240, 20)], simulation__dt=DT)
-    trajectory, joints = drive(run, samples=240).trajectory, reduced_of(run).robot
-    for q, v in zip(trajectory.q, trajectory.v, strict=True):
-        angles, (vx, vy, w) = joints.joint_values(q), v[:3]
-        for each in kind.wheels.values():
-            c, s = np.cos(angles.get(each.pivot, 0.0)), np.sin(angles.get(each.pivot, 0.0))
-            assert abs(c * (vy + w * each.x) - s * (vx - w * each.y)) < 0.005
-    assert not trajectory.verdict.findings
-    np.testing.assert_allclose(trajectory.v[-1, :3], [0.5 * forward, 0.5 * left, 0.8 * turn], atol=0.03)
-    assert np.abs(trajectory.T).max() < 2.0
-    assert trajectory.normal_forces.min() > 0.0
 
 
 def test_a_key_moves_the_base_until_half_a_second_after_the_last_command():

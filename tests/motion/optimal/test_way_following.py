@@ -5,11 +5,10 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from benchmarks.planned_models import car, mobile_manipulator
 from rnc_pin.motion.optimal import WayFollower
 from rnc_pin.motion.planning import find_way
 from rnc_pin.motion.planning.action_models import KinematicFlow
-from systems import at_pose, knife_box, mecanum_box
+from systems import at_pose, knife_box
 
 DT = 0.02
 
@@ -37,26 +36,6 @@ def driven(controller, duration, *, push=None, dt=DT):
         rows.append((k * dt, q, v2, state))
         q = flow.step(q[None], dt * v2[None])[0]
     return rows
-
-
-def closest(reduced, rows, obstacles):
-    distances = rnc.collision.CollisionDistances(reduced.robot, obstacles, rnc.collision.PairSelection(links=False))
-    return min(distances.smallest(q, t, 1.0).min() for t, q, *_ in rows)
-
-
-SYSTEMS = {"unicycle": knife_box, "car": car, "mecanum": mecanum_box, "mobile manipulator": mobile_manipulator}
-
-
-@pytest.mark.parametrize("kind", SYSTEMS)
-def test_a_robot_drives_through_a_gap_to_its_goal(kind):
-    reduced, obstacles = SYSTEMS[kind](), wall(0.5, 1.6)
-    goal = at_pose(reduced, 3.5, 0.5)
-    way = find_way(reduced, at_pose(reduced, -0.5, 0.0), goal, obstacles, clearance=0.06)
-    controller = WayFollower(reduced, way, tolerance=0.01)
-    rows = driven(controller, 3.0 * way.duration + 9.0, dt=0.05)
-    assert not controller.missed_goals(rows[-1][1], rows[-1][2])
-    assert not rows[-1][2].any()
-    assert closest(reduced, rows, obstacles) > 0.04
 
 
 def test_along_a_straight_way_the_speed_is_a_trapezoid():

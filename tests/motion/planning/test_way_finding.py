@@ -14,11 +14,9 @@ import rnc_pin as rnc
 import rnc_pin.extras
 from benchmarks.planned_models import car, mobile_manipulator, tractor
 from bodies import add_body
-from driven_bases import KINDS, KinematicPlant, drafted_model
 from places import ROOT
 from rnc_pin.model.coordinates import ConfigurationManifold
 from rnc_pin.motion.planning import WaySettings, find_way
-from rnc_pin.motion.planning.shortest_paths import reeds_shepp_words, word_length
 from rnc_pin.motion.planning.steering_detection import SampledBases
 from rnc_pin.motion.planning.way import intervals_along, motion_along
 from rnc_pin.motion.planning.way_checking import goal_configurations, way_checker
@@ -95,25 +93,6 @@ def test_a_way_is_exact_and_free_between_its_nodes_too(kind):
     assert pin.difference(reduced.robot.model, way.at(way.duration), way.q[-1]) == pytest.approx(0.0, abs=1e-12)
 
 
-@pytest.mark.parametrize("kind", ["differential drive", "car", "two steered drives", "four steered drives", "turret"])
-def test_motors_drive_a_drafted_base_through_a_door_and_no_wheel_slides(kind):
-    """Half a turn is a heading like any other."""
-    reduced = drafted_model(KINDS[kind])
-    start, door = at_pose(reduced, 0.0, 1.8, np.pi), gap(1.0, 0.1, length=4.0)
-    goal = {rnc.FramePosition("base", "xy"): [3.0, 1.5], rnc.FrameYaw("base"): np.pi}
-    way = find_way(reduced, start, goal, door, selection=rnc.collision.PairSelection(links=False))
-    assert closest(way, door) >= 0.01
-    assert way.info.steering != "propagated"
-    plant = KinematicPlant(reduced, start)
-    for q, v, h in zip(way.q, way.v, np.diff(way.time), strict=False):
-        plant.advance(reduced.at(q).B.T @ v, h)
-        for wheel in KINDS[kind].wheels.values():
-            heading = reduced.robot.joint_values(q).get(wheel.pivot, 0.0)
-            moved = [v[0] - v[2] * wheel.y, v[1] + v[2] * wheel.x]
-            assert np.dot(moved, [-np.sin(heading), np.cos(heading)]) == pytest.approx(0.0, abs=1e-9)
-    assert plant.q[:4] == pytest.approx([3.0, 1.5, -1.0, 0.0], abs=1e-3)
-
-
 def test_an_arm_moves_around_an_obstacle():
     robot = rnc.Robot.from_example("panda", lock={"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0})
     reduced = rnc.NonholonomicSystem(robot, []).reduce()
@@ -140,18 +119,6 @@ def test_a_goal_of_outputs_is_reached():
     for q in (find_way(reduced, start, goal, gap(1.6, 0.1)).q[-1], *goals):
         at = rnc.NonholonomicSystem(reduced.robot, []).reduce().at(q)
         assert rows.value(at.position) == pytest.approx([4.0, 1.0], abs=1e-5)
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_without_obstacles_a_car_drives_the_shortest_path(seed):
-    reduced = car()
-    x, y, yaw = np.random.default_rng(seed).uniform([-3, -3, -3], 3)
-    settings = WaySettings(shortcuts=0)
-    way = find_way(reduced, at_pose(reduced, 0.0, 0.0), at_pose(reduced, x, y, yaw), settings=settings)
-    radius = 1.0 / np.tan(0.96)  # wheelbase of 1 m, limits of 1 and -1 rad; 2 % of their range stay for feedback
-    assert way.length == pytest.approx(
-        radius * word_length(reeds_shepp_words(x / radius, y / radius, yaw)[0]), abs=1e-9
-    )
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -1,16 +1,12 @@
 """Tasks on ideal robots: errors decay at their gains, gradients are those of differences, levels keep to themselves."""
 
-from pathlib import Path
-from tempfile import TemporaryDirectory
-
 import numpy as np
 import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
 from driven import drive
-from driven_bases import RADIUS, swerve
-from rnc_pin.control import ControlSample, InverseDynamicsQP, VelocityQP, tasks
+from rnc_pin.control import ControlSample, VelocityQP, tasks
 from rnc_pin.motion.planning import Hold, MinimumJerk
 from systems import free_flying_panda, mecanum, mobile_manipulator, random_states, spinning_space_robot, tiago
 
@@ -77,37 +73,6 @@ def orientation_case():
 @pytest.mark.parametrize("case", [posture_case, center_case, base_case, orientation_case])
 def test_errors_decay_at_their_gain(case):
     np.testing.assert_allclose(decay(*case()), np.exp(-GAIN * DURATION), rtol=0.03)
-
-
-def steered_base(guided, places):
-    """Base on steered drives at places; those that are guided have a lateral row."""
-    urdf = swerve(*places).urdf
-    with TemporaryDirectory() as folder:
-        file = Path(folder) / "base.urdf"
-        file.write_text(urdf)
-        robot = rnc.Robot.from_urdf(file, base="planar")
-    rows = [rnc.RollingWheel(f"w{k}", RADIUS, lateral=k in guided) for k in range(len(places))]
-    drives, pivots = ([name.format(k) for k in range(len(places))] for name in ("w{}_joint", "turn_w{}_joint"))
-    outputs = map(rnc.JointPosition, [drives[0], *pivots])
-    return rnc.NonholonomicSystem(robot, rows, [*drives, *pivots]).reduce(list(outputs))
-
-
-CORNERS = [(0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2)]
-
-
-@pytest.mark.parametrize("program", ["velocity", "inverse dynamics"])
-@pytest.mark.parametrize(("guided", "places"), [((0, 1), CORNERS[::3]), ((0, 2), CORNERS)])
-def test_pivots_are_aimed_and_the_base_arrives(guided, places, program):
-    """With a lateral row and without one; a base that stands waits for them."""
-    reduced, goal = steered_base(guided, places), np.array([0.5, 0.4, 0.5])
-    pose, q0, dt = tasks.BasePoseTask("base", Hold(goal), gain=1.5), reduced.robot.configuration(), 0.02
-    assert len(pose.bind(reduced).names) == 3 + len(places)
-    if program == "velocity":
-        q = drive(reduced, VelocityQP(reduced, [pose], dt=dt), q0, 7.0, dt, substeps=2).q
-    else:
-        q = rnc.simulate(reduced, InverseDynamicsQP(reduced, [pose], dt=dt), q0, 7.0, dt).q
-    place = q[-1, :4]
-    np.testing.assert_allclose([*place[:2], np.arctan2(place[3], place[2])], goal, atol=0.02)
 
 
 def test_a_moving_reference_is_followed_without_lag():
