@@ -260,12 +260,16 @@ class LimitError(SimulationError):
 class SingularityError(SimulationError):
     """The stacked matrix ``E = [A; J2]`` is singular: the outputs do not parametrise the motion at this configuration.
 
+    The same error tells that a row is undefined, such as that of a wheel that lies flat, or that redundant outputs
+    cannot move the vertical ones of a controller.
+
     Attributes:
         what: the failed operation, in words.
         q: the configuration, (nq,).
-        condition: 2-norm condition number of ``E`` with rows scaled to unit length.
-        rows: names of the rows that are (nearly) linearly dependent.
-        time: simulation time [s], or None outside a simulation.
+        condition: 2-norm condition number of ``E`` with rows scaled by their typical length. In the other cases the one
+            of the controller's matrix, or one over the length that vanishes.
+        rows: names of the rows that are (nearly) linearly dependent, or undefined.
+        time: time of the run [s], or None outside a run.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")

@@ -1,6 +1,7 @@
 """Plane on which bodies roll, ground of any form that another body carries, and rows of a wheel that rolls on a plane.
 
-A plane may slope, slide like a conveyor, or turn like a turntable. A wheel may be upright or lean.
+A plane may slope, slide like a conveyor, or turn like a turntable. A wheel may be upright or lean. The kinds that users
+name, such as ``RollingWheel``, are in ``wheels_and_blades``.
 """
 
 from __future__ import annotations
@@ -237,7 +238,8 @@ class WheelDisk(NamedTuple):
 
 
 class RollingRows(DirectionRows):
-    """Rows of a wheel that is bound to a robot: ``wheel_wrenches``. A roller or a wheel that skids combines them.
+    """Rows of a ``RollingWheel`` that is bound to a robot: ``wheel_wrenches``. A roller or a wheel that skids combines
+    them. The kernel has the same formula as ``Form.WHEEL``, generated from it.
 
     Attributes:
         wheel: name of the frame.

@@ -6,8 +6,11 @@ saved, resumed and replayed bit for bit:
     state = controller.initial_state(measurement)
     command, state = controller.step(t, measurement, state)      # once per sample
 
-Controllers of this package also implement ``describe()``, so that the record of a run contains their gains. This method
-is optional.
+``ControlLoop`` keeps the state of its controller, and its ``save`` writes it. A run of ``simulate`` starts with
+``SimulationOptions.controller_state`` and gives each new state to its observer, as ``Sample.state``.
+
+Further methods are optional. ``describe()``, which controllers of this package implement, puts gains in the record of a
+run. ``findings`` of ``SelfJudging`` and ``missed_goals`` of ``Ending`` add findings to its verdict.
 """
 
 from __future__ import annotations
@@ -75,7 +78,8 @@ class Controller(Protocol):
     command has ``F``, a reduced force (r,), or ``T``, inputs of the actuators (p,); others are for the record.
 
     The measurement has q (nq,), v2 (r,), the outputs x1 (k,) and x2 (r,), A_star (k, r), and more; see ``Measurement``.
-    ``describe()`` is optional: type and gains for the record of a run.
+    ``describe()`` is optional: type and gains for the record of a run. So are ``findings(state, samples)`` and
+    ``missed_goals(q, v2)``, which add to its verdict.
 
     Example:
         >>> class Brake:

@@ -2,7 +2,8 @@
 
 R is the last r columns of ``E^-1``. A state is singular if E stays singular with the best rows: the outputs do not
 parametrise the motion there. This is no error yet. ``ConfigurationEvaluation.E_inverse`` raises ``SingularityError``
-for whoever needs R, and a run ends with ``Outcome.SINGULAR``. The compiled kernel evaluates regular states only.
+for whoever needs R. A run on the reduced plant then ends with ``Outcome.SINGULAR``; other loops give a safe command.
+Undefined rows raise the same error at once (``rows.check_defined``). The compiled kernel evaluates regular states only.
 """
 
 from __future__ import annotations

@@ -22,6 +22,9 @@ AT_GROUND = 12
 class Form(IntEnum):
     """Formula of a row. From ``WORLD`` on, it is a wrench on one or two frames.
 
+    A new wrench comes last here and has an entry in ``KINDS`` of ``tools/generate_rows.py``; ``valid`` in ``kernel.c``
+    names the last form. Rows without a form are ``EXTERNAL``: Python evaluates them, and the kernel does the rest.
+
     A second frame carries the ground: the row is then a function of the motion relative to it. Integers of wrenches:
     axis of a yaw or tilt, and 1 if the material of the ground moves. Its twist is in the numbers from ``AT_GROUND`` on
     (6). The other numbers begin with the directions that the frame carries, in its own axes.

@@ -312,7 +312,7 @@ class StateEvaluation(ConfigurationEvaluation):
 
     @cached_property
     def g(self) -> Float[Array, "*batch nv"]:
-        """Gravity forces g* before reduction, minus passive forces."""
+        """Gravity forces g* before reduction, the paper's ``G*``, minus passive forces."""
         if self._data.kinematics.axes_are_constant:
             # Nonlinear effects are C* v + g*.
             return self.bias - apply(self.C, self.v)

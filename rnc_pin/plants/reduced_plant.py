@@ -49,8 +49,12 @@ class ReducedPlant(ReprMixin):
     constant rank. After each ``advance`` a projection removes the drift of holonomic rows, such as wheel height and
     loop closure. The correction has zero momentum along the admissible velocities.
 
-    The plant chooses its integrator: ``LieRungeKutta4``, or the exponential method of ``DissipativeStep`` with damping
-    or friction. ``step_control`` chooses the number of steps. A plant clips the inputs that it applies.
+    The plant chooses its integrator: ``LieRungeKutta4`` of ``ConstrainedDynamics``, or the exponential method of
+    ``DissipativeStep`` with damping or friction. ``step_control`` tells from the roughness of a sample whether it needs
+    a comparison; ``advance`` then doubles the number of steps until the error is within the tolerance.
+
+    With ``actuator_limits``, ``apply`` clips inputs. The control loop of ``simulate`` does so only if its option
+    ``limits`` asks for it.
 
     Args:
         reduced: reduced model.
@@ -194,7 +198,7 @@ class ReducedPlant(ReprMixin):
         self.hold(own_vector(T, self.reduced.p, "T"))
 
     def hold(self, T: np.ndarray) -> None:
-        """As ``apply``, for inputs that are valid.
+        """As ``apply``, which clips too, for inputs that are valid.
 
         Args:
             T: finite inputs (p,), contiguous, that nobody changes afterwards.

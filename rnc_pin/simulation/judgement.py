@@ -55,7 +55,7 @@ def judge(
     """Verdict of a run.
 
     Args:
-        run: the run.
+        run: the run; its ``info.findings`` are those of its controller, by ``controller.findings_of``.
         replay: replay of its limits and distances, by ``replay_limits``; without it they are not judged.
         goal_errors: errors at the end by name [m or rad]; None if the run has no goals.
         goal_tolerance: error above which a goal is missed [m or rad].
@@ -319,6 +319,8 @@ def _reversals(run: RunData, replay: LimitReplay) -> Iterator[Finding]:
 
 def verdict_of(run: RunData) -> Verdict:
     """Verdict of a run: the one it has, else by its grounds, with the limits and links of the robot's file.
+
+    The grounds have the goals that its controller missed, by ``controller.missed_goals``.
 
     Args:
         run: the run.

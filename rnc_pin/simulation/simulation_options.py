@@ -180,7 +180,8 @@ class SimulationOptions:
     Args:
         stop: conditions that end the run early: ``Stop(position_limits=True)``.
         loop: options of the ``ControlLoop`` of the controller. On a ``ReducedPlant`` of the same model, errors are
-            raised by default; on another plant the loop gives a safe command instead. Inputs are clipped by the plant.
+            raised by default; on another plant the loop gives a safe command instead. The loop clips no inputs by
+            default: plants do, a ``ReducedPlant`` with ``actuator_limits=True``.
         controller_state: initial state of the controller; a new one by default.
         observer: function that is called with every ``Sample``.
         meta: origin of the run, stored with the trajectory: a ``Provenance``, or a mapping that JSON can represent.

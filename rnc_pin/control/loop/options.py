@@ -48,7 +48,8 @@ class LoopSettings:
             constant acceleration.
         cutoff: cutoff frequency of the velocity estimate [rad/s]; 0.3 / dt by default.
         limits: True clips inputs to the effort limits of the actuators, False does not clip; or limits (p,). The safe
-            command and held inputs are always clipped. With False their limits are those of the actuators.
+            command and held inputs are always clipped. With False their limits are those of the actuators. The default
+            of ``simulate`` and of scenarios is False: the plant clips, a ``ReducedPlant`` with ``actuator_limits``.
         fallback: safe command: "hold" the last inputs, "brake" (``F = -brake diag(H) v2``, with the inertia of the
             model), "zero", or "raise" the error. The default of
             ``simulate`` and of scenarios is "raise" on the reduced model without faults.

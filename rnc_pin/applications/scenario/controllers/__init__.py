@@ -1,6 +1,7 @@
 """Controllers of a scenario: one settings class for each ``type``, which builds its controller.
 
-To add a type, write its class in a module of this package.
+To add a type, write a subclass of ``ControllerSettings`` in a module of this package: ``type: Literal[NAME]``, the
+references that it ``follows``, its keys with their meaning under Attributes, and ``_build``. ``TYPES`` finds it.
 """
 
 from __future__ import annotations
