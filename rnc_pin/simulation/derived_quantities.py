@@ -64,7 +64,11 @@ def derive(record: Record, info: run_info.RunInfo) -> Trajectory:
 
 @once_per_model
 def output_names(reduced: ReducedModel) -> run_info.OutputNames:
-    """Names, units and coordinate types of the columns in runs of a model."""
+    """Names, units and coordinate types of the columns in runs of a model.
+
+    Args:
+        reduced: the model.
+    """
     return run_info.OutputNames(
         x1=columns_of(reduced.vertical),
         x2=columns_of(reduced.reducing),
@@ -82,7 +86,11 @@ def output_names(reduced: ReducedModel) -> run_info.OutputNames:
 
 
 def columns_of(outputs: OutputStack) -> run_info.Columns:
-    """Names, units and coordinate types of outputs."""
+    """Names, units and coordinate types of outputs.
+
+    Args:
+        outputs: vertical or reducing outputs of a model.
+    """
     units = tuple(unit.removesuffix("/s") for unit in outputs.units)
     angular, rotations = outputs.angular.tolist(), outputs.coordinates.rotations
     return run_info.Columns(

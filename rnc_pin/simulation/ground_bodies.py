@@ -49,7 +49,11 @@ class GroundBody(NamedTuple):
     left: np.ndarray
 
     def poses(self, at: PositionKinematics) -> Float[Array, "*batch 3"]:
-        """Position x, y [m] and heading [rad] at configurations, (..., 3)."""
+        """Position x, y [m] and heading [rad] at configurations, (..., 3).
+
+        Args:
+            at: kinematics at the configurations (..., nq).
+        """
         rotation, translation = at.joint_placement(self.joint)
         place, left = translation + rotation @ self.point, rotation @ self.left
         return np.stack([place[..., 0], place[..., 1], np.arctan2(-left[..., 0], left[..., 1])], axis=-1)
@@ -60,6 +64,9 @@ def ground_bodies(reduced: ReducedModel) -> tuple[GroundBody, ...]:
     """Bodies of a system that move on the ground, ordered from the base.
 
     Chassis and trailers are such bodies; wheels, steering and forks are not.
+
+    Args:
+        reduced: the model.
     """
     robot = reduced.robot
     model, data, neutral = robot.model, robot.model.createData(), robot.configuration()
@@ -82,7 +89,12 @@ def ground_bodies(reduced: ReducedModel) -> tuple[GroundBody, ...]:
 
 
 def ground_poses(bodies: Iterable[GroundBody], at: PositionKinematics) -> Float[Array, "*batch g"]:
-    """Positions x, y and headings of all bodies at configurations, (..., 3 k) for k bodies."""
+    """Positions x, y and headings of all bodies at configurations, (..., 3 k) for k bodies.
+
+    Args:
+        bodies: the bodies (k,).
+        at: kinematics at the configurations (..., nq).
+    """
     poses = [body.poses(at) for body in bodies]
     return np.concatenate(poses, axis=-1) if poses else np.empty((*at.q.shape[:-1], 0))
 

@@ -17,7 +17,7 @@ from rnc_pin.errors import ConfigurationError, InputError, RncError, few
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.simulation.limit_replay import ROUNDING, Clearance, FurtherLimits, LimitReplay, LimitUse, replay_limits
+from rnc_pin.simulation.limit_replay import ROUNDING, Clearance, LimitReplay, LimitUse, replay_limits
 from rnc_pin.simulation.record import blocks
 from rnc_pin.simulation.run_data import RunData
 from rnc_pin.simulation.run_info import FORCE_UNITS, Outcome
@@ -337,9 +337,8 @@ def verdict_of(run: RunData) -> Verdict:
         )
     if not len(run.time):
         return judge(run)
-    reduced, accelerations, missed = run.grounds
-    further = FurtherLimits(accelerations, reduced.actuation.stated_limits)
-    replay = replay_limits(reduced.robot, run, exact=0.0, further=further)
+    reduced, _, missed = run.grounds
+    replay = replay_limits(reduced.robot, run, exact=0.0)
     return judge(run, replay, reduced=reduced, more=missed_goal_findings(run, missed))
 
 

@@ -148,7 +148,11 @@ class LimitReplay:
         )
 
     def worst(self, kind: LimitKind) -> LimitUse | None:
-        """Limit of a kind with the largest excess; None without such limits."""
+        """Limit of a kind with the largest excess; None without such limits.
+
+        Args:
+            kind: "position", "velocity", "effort" or "acceleration".
+        """
         return max((use for use in self.uses if use.kind == kind), key=lambda use: use.excess, default=None)
 
 
@@ -160,9 +164,9 @@ class FurtherLimits:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
         >>> push = rnc.FrameForce("sleigh", "x", limit=5.0)
         >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], [push]).reduce()
-        >>> further = rnc.simulation.FurtherLimits(efforts=reduced.actuation.stated_limits)
-        >>> run = rnc.free_motion(reduced, robot.configuration(), [1.0, 0.0], duration=0.1, inputs=[6.0])
-        >>> [use.name for use in rnc.simulation.replay_limits(robot, run, further=further).violations]
+        >>> weaker = rnc.simulation.FurtherLimits(efforts={"force(sleigh.x)": 3.0})
+        >>> run = rnc.free_motion(reduced, robot.configuration(), [1.0, 0.0], duration=0.1, inputs=[4.0])
+        >>> [use.name for use in rnc.simulation.replay_limits(robot, run, further=weaker).violations]
         ['force(sleigh.x)']
     """
 
@@ -173,9 +177,6 @@ class FurtherLimits:
     """Limits by name of actuators that are not joints, such as ``stated_limits`` of an actuation [N or N m]."""
 
 
-_NO_LIMITS = FurtherLimits()
-
-
 def replay_limits(
     robot: Robot,
     trajectory: RunData,
@@ -184,7 +185,7 @@ def replay_limits(
     step: float = 0.0,
     within: float = 0.05,
     exact: float | None = None,
-    further: FurtherLimits = _NO_LIMITS,
+    further: FurtherLimits | None = None,
 ) -> LimitReplay:
     """Replay a trajectory and return how much of each limit it uses, and the smallest distances of pairs.
 
@@ -199,7 +200,7 @@ def replay_limits(
             Smallest distances are those of the whole motion, whose joints move at constant rate from sample to sample.
         within: distance up to which distances are exact [m].
         exact: distance up to which samples have no tolerance, as in ``continuous_distances`` [m].
-        further: limits that the robot's file does not have.
+        further: limits that the robot's file does not have; by default those of the run's actuators and controller.
 
     Raises:
         InputError: the trajectory has no samples, or belongs to another robot.
@@ -216,6 +217,11 @@ def replay_limits(
         raise InputError(f"q has {trajectory.q.shape[1]} entries, but nq of the robot is {robot.nq}")
     if not len(trajectory.time):
         raise InputError("the run has no samples")
+    if further is None and trajectory.grounds is not None:
+        reduced, accelerations, _ = trajectory.grounds
+        further = FurtherLimits(accelerations, reduced.actuation.stated_limits)
+    further = further or FurtherLimits()
+    # A run that comes near a limit is told how near: all uses are kept, not only those beyond.
     found = [
         *_positions(robot, trajectory),
         *_rates(robot, trajectory),
@@ -229,6 +235,7 @@ def replay_limits(
     if model is None or not len(model.geometryObjects):
         return LimitReplay(uses, (), (), time, excesses, within)
     checked = collision.CollisionDistances(robot, obstacles, selection, q0=trajectory.q[0])
+    # Pairs that the user left out are no news; pairs that overlap by the robot's own file are.
     omitted = tuple(each for each in checked.omitted if each.reason.startswith("overlap"))
     measured = collision.continuous_distances(
         checked, trajectory.time, trajectory.q, within, samples=every, exact=exact
@@ -275,7 +282,7 @@ def _spaced(time: np.ndarray, step: float) -> np.ndarray:
     """Indices of samples that are at least a step apart, with the first and the last."""
     if not step > 0:
         return np.arange(len(time))
-    cells = np.floor((time - time[0]) / step + 1e-9)
+    cells = np.floor((time - time[0]) / step + 1e-9)  # sums of periods round: a sample may be just before its cell
     begins = np.diff(cells, prepend=-1.0) > 0
     begins[-1] = True
     return np.flatnonzero(begins)

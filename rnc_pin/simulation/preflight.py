@@ -114,7 +114,12 @@ def kinematic_rollout(
 
 
 def class_1_controller(task: Task, reference: TaskReference) -> control.RedundancyController:
-    """Return the kinematic controller that follows a reference by default."""
+    """Return the kinematic controller that follows a reference by default.
+
+    Args:
+        task: primary and redundant outputs.
+        reference: desired x21 and x1.
+    """
     gains = OUTER_GAINS["scaled"]
     return control.RedundancyController(task, reference.primary, reference.vertical, k3=gains.k3, k21=gains.k21)
 
@@ -203,6 +208,9 @@ class RolloutEvaluation:
     def slowed(self, time_scale: float) -> tuple[StateEvaluation, Float[Array, "N-2 p"]]:
         """Return states and inputs of the inner samples for a motion that takes ``time_scale`` times as long.
 
+        Args:
+            time_scale: duration over that of the roll-out.
+
         Raises:
             ConstraintError: the actuators cannot produce these accelerations.
         """
@@ -215,7 +223,11 @@ class RolloutEvaluation:
         return self._margin(np.asarray(at.smallest_singular_value), at.dependent_rows)
 
     def A4_margin(self, task: Task) -> Margin:
-        """Return the smallest singular value of a task's A4."""
+        """Return the smallest singular value of a task's A4.
+
+        Args:
+            task: task with as many redundant outputs as vertical ones.
+        """
         A4 = self.configurations.A_star[:, task.vertical][:, :, task.redundant]
         return self._margin(
             np.linalg.svd(A4, compute_uv=False)[:, -1], lambda index: weakest_rows(A4[index], task.vertical_names)
@@ -223,6 +235,9 @@ class RolloutEvaluation:
 
     def lift_off(self, normal: NormalForces) -> LiftOff | None:
         """Return the first contact that lifts off the ground; None if none does.
+
+        Args:
+            normal: normal forces of the model.
 
         Raises:
             ConstraintError: the actuators cannot produce these accelerations.
@@ -299,10 +314,11 @@ def friction_demand(rollout: RolloutEvaluation, grip: Grip) -> FrictionDemand:
 
 def _least_time_scale(used: Callable[[float], float], guess: float) -> float:
     """Smallest time scale s with ``used(s) <= 1``. The guess is exact if only inertial forces act."""
-    guess = guess if guess <= _LARGEST_TIME_SCALE else _LARGEST_TIME_SCALE
+    guess = min(guess, _LARGEST_TIME_SCALE)
     low, high = 1.0, guess
     if abs(used(guess) - 1.0) < 1e-9:
         return float(guess)
+    # Slower motions need less friction, down to what gravity needs at rest: bracket the limit, then halve.
     while used(high) > 1.0:
         if high >= _LARGEST_TIME_SCALE:
             return np.inf
@@ -338,7 +354,11 @@ class Margins:
     lift_off: LiftOff | None = None
 
     def complaints(self, threshold: float = 0.01) -> list[str]:
-        """Reasons against the reference, as text; empty if all margins are above the threshold."""
+        """Reasons against the reference, as text; empty if all margins are above the threshold.
+
+        Args:
+            threshold: singular value below which a configuration counts as close to a singular one.
+        """
         if self.singular is not None:
             return [f"the reference reaches a singular configuration: {self.singular}"]
         return [
@@ -416,7 +436,14 @@ def margins_along(
     Raises:
         SingularityError: the initial configuration is singular.
     """
-    rollout, singular = _rollout_until_singular(reduced, controller, q0, duration, dt)
+    singular: SimulationError | None = None
+    try:
+        rollout = kinematic_rollout(reduced, controller, q0, duration, dt)
+    except (SingularityError, DivergenceError) as error:
+        if not isinstance(error.trajectory, Rollout):
+            raise
+        # The margins of the motion up to there show how it came about.
+        rollout, singular = error.trajectory, error
     along, demand, lift_off = RolloutEvaluation(reduced, *rollout), None, None
     A4 = None if task is None else along.A4_margin(task)
     if singular is None and len(rollout.q) >= _FEWEST:
@@ -427,18 +454,6 @@ def margins_along(
             with suppress(ConstraintError):  # forces are unknown if the actuators cannot produce the motion
                 lift_off = along.lift_off(NormalForces(reduced))
     return Margins(along.stack_margin(), A4, singular, rollout.time, rollout.q, demand, lift_off)
-
-
-def _rollout_until_singular(
-    reduced: ReducedModel, controller: control.KinematicController, q0: np.ndarray, duration: float, dt: float
-) -> tuple[Rollout, SimulationError | None]:
-    """Return the roll-out, and the error that ended it early, if any."""
-    try:
-        return kinematic_rollout(reduced, controller, q0, duration, dt), None
-    except (SingularityError, DivergenceError) as error:
-        if not isinstance(error.trajectory, Rollout):
-            raise
-        return error.trajectory, error
 
 
 # ---------------------------------------------------------------------- gains

@@ -64,7 +64,11 @@ class Record:
         return sum(self._columns.values())
 
     def take(self, rows: Array) -> None:
-        """Take the rows (N, ``width``) of samples that somebody else has recorded, of a plant with the same model."""
+        """Take the rows (N, ``width``) of samples that somebody else has recorded, of a plant with the same model.
+
+        Args:
+            rows: rows (N, ``width``), in the order of the columns.
+        """
         self.capacity = self.count = len(rows)
         self.arrays = {name: np.zeros((len(rows), 0)) for name in _OPTIONAL}
         self._models = [(0, self.reduced)]
@@ -132,6 +136,7 @@ class Record:
             for name, goal, none in zip(GOALS, given, self._no_goals, strict=True)
         ]
         x1, x2 = state.outputs(integrals) if outputs is None else outputs
+        # One call for all columns: samples are recorded while the loop waits.
         row[0], row[1] = t, report.work
         np.concatenate((state.q, state.v, state.v2, x1, x2, state.v1, T, integrals, *goals), out=row[2:])
         stated = report.friction_used, report.slip_speed, report.normal_forces, report.contact_forces

@@ -149,7 +149,11 @@ class RunData:
         return index
 
     def coordinates(self, kind: str) -> Coordinates:
-        """Coordinate types of the outputs of a kind, "x1" or "x2": angles and rotation vectors."""
+        """Coordinate types of the outputs of a kind, "x1" or "x2": angles and rotation vectors.
+
+        Args:
+            kind: "x1" or "x2".
+        """
         return self.info.outputs.of(kind).coordinates
 
     @classmethod
@@ -173,7 +177,7 @@ class RunData:
             if missing:
                 raise ConfigurationError(f"it has no '{missing[0]}'")
             info = RunInfo.from_json(json.loads(str(arrays.pop("meta"))))
-            _check(arrays, info.outputs)
+            _check(arrays, info.outputs)  # a file of a stranger: wrong shapes would fail later, and far from here
             return cls(info=info, grounds=None, **arrays)
         except FileNotFoundError:
             raise ConfigurationError(f"no file '{path}'") from None
@@ -186,7 +190,11 @@ class RunData:
 
 
 def tracking_errors(trajectory: RunData) -> dict[str, np.ndarray]:
-    """Desired minus actual value over time, (N,) per output with a goal; NaN before the first goal."""
+    """Desired minus actual value over time, (N,) per output with a goal; NaN before the first goal.
+
+    Args:
+        trajectory: the run.
+    """
     errors: dict[str, np.ndarray] = {}
     for kind in ("x2", "x1"):
         desired, actual = getattr(trajectory, f"{kind}_desired"), getattr(trajectory, kind)

@@ -32,6 +32,9 @@ def ground_paths(run: RunData) -> list[GroundPath]:
     """Paths of a top view: bodies on the ground, and frames whose x and y are outputs.
 
     If no body is on the ground, a frame counts only if its z is not an output.
+
+    Args:
+        run: the run.
     """
     poses = [run.ground_poses[:, start : start + 3] for start in range(0, run.ground_poses.shape[1], 3)]
     bodies = [
@@ -80,7 +83,12 @@ def _frames(run: RunData, bodies: Sequence[GroundPath]) -> list[GroundPath]:
 
 
 def compared_paths(run: RunData, others: Mapping[str, RunData]) -> GroundPaths:
-    """Paths of a run with its planned path, and those of other runs by label."""
+    """Paths of a run with its planned path, and those of other runs by label.
+
+    Args:
+        run: the run.
+        others: other runs by label.
+    """
     plan = run.info.provenance.path
     planned = None if plan is None else np.array(plan.poses)[:, :2]
     return GroundPaths(ground_paths(run), planned, {label: ground_paths(other) for label, other in others.items()})
@@ -96,7 +104,13 @@ def plot_run(
     name: str | None,
     part: slice = _ALL,
 ) -> Figure:
-    """Figure of ``Trajectory.plot``, which has the same arguments, or of a part of its panels."""
+    """Figure of ``Trajectory.plot``, which has the same arguments, or of a part of its panels.
+
+    Args:
+        run: run to show.
+        outputs, title, comparisons, size, labels, name: as for ``Trajectory.plot``.
+        part: panels of this part only, without the top view if it starts later.
+    """
     if len(run.time) < 2:
         raise InputError(f"the run has too few samples to plot: {len(run.time)}, expected at least 2")
     sheet, texts, own = Sheet.of(size), Labels(labels), name or run_name(run, comparisons)
@@ -125,7 +139,12 @@ def plot_run(
 
 
 def run_name(run: RunData, comparisons: Others) -> str:
-    """Legend entry of a run beside others: the name of its scenario if no other run has it."""
+    """Legend entry of a run beside others: the name of its scenario if no other run has it.
+
+    Args:
+        run: the run.
+        comparisons: the other runs by label.
+    """
     name = (run.info.provenance.scenario or "this run").replace("-", " ")
     return name if name not in comparisons else "this run"
 
@@ -209,7 +228,13 @@ def output_panels(run: RunData, others: Others, names: Sequence[str] | None = No
 
 
 def learning_panels(run: RunData, others: Others, quantity: str) -> list[Panel]:
-    """Panels of the controller's parameter estimates ("estimates") or prediction errors ("prediction_error")."""
+    """Panels of the controller's parameter estimates ("estimates") or prediction errors ("prediction_error").
+
+    Args:
+        run: run to show.
+        others: compared runs by label.
+        quantity: "estimates" or "prediction_error".
+    """
     values: np.ndarray = getattr(run, quantity)
     origin = run.info.provenance
     known = origin.estimates if quantity == "estimates" else origin.predicted

@@ -85,7 +85,11 @@ class Columns:
         return Coordinates(self.angular, self.rotations)
 
     def is_integral(self, column: int) -> bool:
-        """True if an output is the integral of a quasi-velocity."""
+        """True if an output is the integral of a quasi-velocity.
+
+        Args:
+            column: index of the output.
+        """
         return bool(self.quasi) and self.quasi[column]
 
 
@@ -126,11 +130,19 @@ class OutputNames:
     v_units: tuple[str, ...] = ()
 
     def of(self, kind: str) -> Columns:
-        """Columns of "x1" or "x2"."""
+        """Columns of "x1" or "x2".
+
+        Args:
+            kind: "x1" or "x2".
+        """
         return {"x1": self.x1, "x2": self.x2}[kind]
 
     def find(self, name: str) -> tuple[str, int] | None:
-        """Kind ("x1" or "x2") and column of an output; None if no output has this name."""
+        """Kind ("x1" or "x2") and column of an output; None if no output has this name.
+
+        Args:
+            name: name of an output.
+        """
         for kind in ("x2", "x1"):
             if name in self.of(kind).names:
                 return kind, self.of(kind).names.index(name)
@@ -379,6 +391,9 @@ _OTHER_ARRAYS = (*_WITH_UNITS, "friction_used", "ground_poses", "normal_forces")
 
 def provenance_of(meta: Provenance | Mapping[str, Json] | None) -> Provenance:
     """Return the origin of a run from the argument ``meta`` of a simulation; also from ``meta`` of another run.
+
+    Args:
+        meta: origin of a run, or its JSON form with other keys of the caller.
 
     Raises:
         ConfigurationError: the argument or a value under a known key has the wrong type.

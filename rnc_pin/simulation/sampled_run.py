@@ -129,6 +129,7 @@ class PlantAdapter:
 
     def __init__(self, plant: Plant, reduced: ReducedModel) -> None:
         self.plant, self._reduced = plant, reduced
+        # A plant of the same model hands over its evaluation of the state: nothing is computed twice.
         self._exact = plant if isinstance(plant, ReducedPlant) and plant.reduced is reduced else None
         self._servos = takes_velocities(plant)
         self.measured: tuple[Array, Array] = (_EMPTY, _EMPTY)  # velocities are empty if measurements are exact
@@ -143,7 +144,11 @@ class PlantAdapter:
         return {"fallback": "zero" if self._servos else "hold", "limits": False}
 
     def reset(self, start: StateEvaluation) -> None:
-        """Restart the plant at a state."""
+        """Restart the plant at a state.
+
+        Args:
+            start: state of the controller's model.
+        """
         self.plant.reset(start.q, start.v)
         self._senses = self.report().actual is not None
 
@@ -155,6 +160,9 @@ class PlantAdapter:
 
     def read_state(self, t: float) -> StateEvaluation:
         """Read the sensors at time t [s] and return the true state. Call it once per sample.
+
+        Args:
+            t: time of rheonomic constraints [s].
 
         Raises:
             DivergenceError: the state is not finite.
@@ -168,13 +176,23 @@ class PlantAdapter:
         return self._reduced.at(q, v=v, t=t)
 
     def compute_input(self, loop: ControlLoop, t: float) -> Array:
-        """Return the inputs (p,) of a loop for the last measurement."""
+        """Return the inputs (p,) of a loop for the last measurement.
+
+        Args:
+            loop: control loop of the controller.
+            t: time of the measurement [s].
+        """
         if self._exact is not None:
             return loop.compute_input(t, self._exact.state, self._exact.integrals)
         return loop.step(t, *self.measured)
 
     def apply(self, loop: ControlLoop, T: Array) -> Array:
-        """Apply inputs to the plant, report the applied ones to the loop, and return them; of servos their efforts."""
+        """Apply inputs to the plant, report the applied ones to the loop, and return them; of servos their efforts.
+
+        Args:
+            loop: control loop that learns what was applied.
+            T: inputs (p,) that the controller asks for [N or N m; of servos rad/s or m/s].
+        """
         (self.plant.apply if self._exact is None else self._exact.hold)(T)
         report = self.report()
         if self._servos:
@@ -250,6 +268,7 @@ class SampledRun:
         adapter, loop = self._adapter, self.loop
         progress.time = t = self.time
         state = adapter.read_state(t)
+        # Before the controller, which never sees a diverged state.
         try:
             self.stop.check(t, state)
         except DivergenceError as error:
@@ -329,6 +348,7 @@ class SampledRun:
             late=late._replace(ticks=self.samples) if late is not None and late.late else None,
         )
         run = derive(self.record, info)
+        # Asked now: the controller may be used again before somebody asks for the verdict.
         missed = missed_goals(self.controller, run.q[-1], run.v2[-1]) if len(run.time) else ()
         return replace(run, grounds=Grounds(self._reduced, self._accelerations, tuple(missed)))
 
@@ -457,5 +477,9 @@ def run_error(error: Exception, component: str, t: float) -> errors.RncError:
 
 
 def outcome_of(error: errors.RncError) -> Outcome:
-    """Outcome of a run that an error ended."""
+    """Outcome of a run that an error ended.
+
+    Args:
+        error: the error, as of ``run_error``.
+    """
     return next((outcome for kind, outcome in _OUTCOMES.items() if isinstance(error, kind)), Outcome.FAILED)

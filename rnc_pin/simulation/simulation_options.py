@@ -89,7 +89,11 @@ class StopMonitor:
                     self._ranges.append((name, joint.idx_q, low, high))
 
     def stopped(self, states: StateEvaluation) -> np.ndarray:
-        """Mask (count,) of the states for which ``check`` raises an error."""
+        """Mask (count,) of the states for which ``check`` raises an error.
+
+        Args:
+            states: states (count,) in the outputs of the controller's model.
+        """
         stopped = ~(np.abs(states.v2).max(axis=-1, initial=0.0) < self._speed)
         for _, k, low, high in self._ranges:
             stopped |= ~((low <= states.q[:, k]) & (states.q[:, k] <= high))
@@ -141,6 +145,12 @@ class LiftOffMonitor:
 
     def check(self, t: float, state: StateEvaluation, T: np.ndarray, external: np.ndarray | None) -> None:
         """Raise an error if a contact pulls by more than rounding: contacts that share a force may have zero.
+
+        Args:
+            t: simulated time [s].
+            state: state in the controller's model.
+            T: inputs (p,) [N or N m].
+            external: generalized forces (nv,) in addition to the inputs; None without any.
 
         Raises:
             LimitError: names the contact, the time and the force.
@@ -248,11 +258,16 @@ class RunArguments(NamedTuple):
 def sample_count(duration: float, dt: float) -> int:
     """Number of samples of a run, including its start.
 
+    Args:
+        duration: simulated time [s].
+        dt: sampling period [s].
+
     Raises:
         InputError: the duration or period is not positive, or there are too few or too many samples.
     """
     if not (is_number(duration) and is_number(dt) and dt > 0 and duration > 0):
         raise InputError(f"duration {duration!r} and dt {dt!r} have to be positive numbers")
+    # The ratio may be infinite, which cannot be rounded.
     samples = round(min(duration / dt, _MOST_SAMPLES + 1)) + 1
     if not 2 <= samples <= _MOST_SAMPLES:
         raise InputError(
@@ -262,7 +277,11 @@ def sample_count(duration: float, dt: float) -> int:
 
 
 def check_arguments(arguments: RunArguments) -> None:
-    """Raise an error if an argument of a run has the wrong type, or if plant and controller do not fit together."""
+    """Raise an error if an argument of a run has the wrong type, or if plant and controller do not fit together.
+
+    Args:
+        arguments: arguments of a run.
+    """
     reduced, controller, *_, plant, options = arguments
     admit_model(reduced)
     admit_controller(controller)
@@ -285,6 +304,10 @@ def check_arguments(arguments: RunArguments) -> None:
 
 def assembled_start(reduced: ReducedModel, q0: np.ndarray) -> np.ndarray:
     """Initial configuration without rounding errors of the holonomic rows.
+
+    Args:
+        reduced: reduced model.
+        q0: configuration (nq,), which satisfies the holonomic rows up to rounding.
 
     Raises:
         InputError: the residual of a holonomic row is larger than rounding.

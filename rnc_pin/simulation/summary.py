@@ -222,7 +222,12 @@ class PrintedSummary(SummaryMixin, dict[str, object]):
 
 
 def add_verdict(summary: Summary, verdict: Verdict) -> None:
-    """Add the verdict of a run, its findings and the accepted kinds to a summary."""
+    """Add the verdict of a run, its findings and the accepted kinds to a summary.
+
+    Args:
+        summary: summary that receives them.
+        verdict: findings about its run.
+    """
     summary["verdict"] = verdict.word
     summary["findings"] = [each.to_json() for each in verdict.findings]
     summary["accepted"] = sorted(map(str, verdict.accepted))
@@ -233,7 +238,12 @@ def add_verdict(summary: Summary, verdict: Verdict) -> None:
 
 
 def add_limits(summary: Summary, replay: LimitReplay) -> None:
-    """Add the largest use of joint limits and the smallest distances of a replay to a summary."""
+    """Add the largest use of joint limits and the smallest distances of a replay to a summary.
+
+    Args:
+        summary: summary that receives them.
+        replay: replay of its run.
+    """
     worst = {kind: replay.worst(kind) for kind in LIMIT_KINDS}
     summary["joint_limits"] = {
         kind: {"joint": use.name, "excess": use.excess, "time": use.time}
@@ -255,6 +265,7 @@ def _drift(balance: np.ndarray, energy: np.ndarray) -> float | None:
         return 0.0
     if np.isnan(balance).all():
         return None
+    # A share of the range: an error of 1 J says nothing without the energy that the motion exchanges.
     scale, size = float(np.ptp(energy)), float(np.abs(energy).max())
     if scale < _CONSTANT * size:
         scale = size

@@ -188,7 +188,12 @@ def export_run(run: RunData, path: str | Path, arrays: Sequence[str] | None = No
 
 
 def columns_of_array(run: RunData, array: str) -> list[Column]:
-    """Names and units of the columns of an array, one per column; the name is "" for an array of one dimension."""
+    """Names and units of the columns of an array, one per column; the name is "" for an array of one dimension.
+
+    Args:
+        run: the run.
+        array: name of an array, such as "q".
+    """
     values, info = getattr(run, array), run.info
     if values.ndim == 1:
         return [Column("", _SERIES_UNITS[array])]

@@ -13,14 +13,12 @@ from rnc_pin.applications.scenario.builder import Experiment
 from rnc_pin.applications.scenario.controllers.feedback import SetPointSettings
 from rnc_pin.applications.scenario.plan_builder import frame_poses
 from rnc_pin.applications.scenario.schema.motions import MotionProblem
-from rnc_pin.control import limited_accelerations, missed_goals
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.motion.planning import continued_back, path_distances
 from rnc_pin.motion.whole_body import InverseDynamicsQP
 from rnc_pin.motion.whole_body.limits import CollisionAvoidance
 from rnc_pin.simulation import (
     SHORTFALL,
-    FurtherLimits,
     LimitReplay,
     Outcome,
     Summary,
@@ -70,7 +68,7 @@ def judged_summary(
     more = [
         *experiment.findings,
         *(_unfinished(experiment, run) if ended else ()),
-        *(_missed(experiment, run) if goals and len(run.time) else ()),
+        *(missed_goal_findings(run, run.grounds.missed) if goals and run.grounds is not None else ()),
         *(() if replay is None else distance_findings(replay, asked, shortfall)),
     ]
     verdict = judge(
@@ -130,13 +128,6 @@ def _off_tracking(experiment: Experiment, configurations: np.ndarray) -> float |
     return float(path_distances(axle[:, :2], continued_back(driven, behind)).max())
 
 
-def _missed(experiment: Experiment, run: Trajectory) -> list[Finding]:
-    """Findings of the controller's own goal."""
-    if not len(run.time):
-        return []
-    return missed_goal_findings(run, missed_goals(experiment.controller, run.q[-1], run.v2[-1]))
-
-
 def _goal_errors(experiment: Experiment, run: Trajectory, summary: Summary) -> dict[str, float]:
     """Errors of the goals at the end by name: those of whole-body tasks, of a planner, or the ends of references."""
     errors: dict[str, float] = {}
@@ -180,17 +171,9 @@ def _unfinished(experiment: Experiment, run: Trajectory) -> Iterator[Finding]:
 
 def _replay(experiment: Experiment, run: Trajectory, asked: float | None) -> LimitReplay:
     step = max(_REPLAY_STEP, float(run.time[-1]) / _REPLAYED)
-    reduced, near = experiment.reduced, asked or 0.0
+    near = asked or 0.0
     within = max(REPLAY_DISTANCE, near)
-    return replay_limits(
-        reduced.robot,
-        run,
-        experiment.obstacles,
-        step=step,
-        within=within,
-        exact=near,
-        further=FurtherLimits(limited_accelerations(experiment.controller), reduced.actuation.stated_limits),
-    )
+    return replay_limits(experiment.reduced.robot, run, experiment.obstacles, step=step, within=within, exact=near)
 
 
 def _grip(experiment: Experiment, run: Trajectory) -> Grip | None:

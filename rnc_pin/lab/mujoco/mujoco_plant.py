@@ -154,6 +154,14 @@ class MuJoCoPlant:
         return self._joints.read(self.data.qpos, self.data.qvel)
 
     def apply(self, T: Float[Array, " p"]) -> None:
+        """Hold the inputs T (p,) until the next call, clipped if the settings ask for it.
+
+        Args:
+            T: actuator inputs (p,) [N or N m].
+
+        Raises:
+            InputError: T is not p finite numbers.
+        """
         T = numbers_of(T, "T")
         if T.shape != self.applied.shape:
             raise InputError(f"T has shape {T.shape}, expected {self.applied.shape}")
