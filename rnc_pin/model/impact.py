@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
@@ -130,26 +129,17 @@ def impact(
     v_after = fixed + apply(R, w)
     _check_dependent(rows, _sizes(state.all_rows, state.v), apply(state.all_rows, v_after), after)
     rank = reduced.m - int(conserved[kept].sum())
-    return _found(rows, conserved, _Jump(state.all_rows, np.asarray(state.M), state.v, v_after), rank)
+    return _found(rows, conserved, state, v_after, rank)
 
 
-class _Jump(NamedTuple):
-    """Rows (k, nv), mass matrix, and velocities before and after an impact."""
-
-    rows: Array
-    M: Array
-    before: Array
-    after: Array
-
-
-def _found(rows: RowStack, conserved: Array, jump: _Jump, rank: int) -> Impact:
-    """Impact of a jump of the velocity.
+def _found(rows: RowStack, conserved: Array, state: StateEvaluation, after: Array, rank: int) -> Impact:
+    """Impact of a jump from the velocity of a state.
 
     Raises:
         ConstraintError: the coefficients create energy.
     """
-    matrix, M, before, after = jump
-    impulses = _shared(matrix, conserved, apply(M, after - before), rank)
+    M, before = np.asarray(state.M), state.v
+    impulses = _shared(state.all_rows, conserved, apply(M, after - before), rank)
     reacting = zip(rows.names, impulses.tolist(), conserved.tolist(), strict=True)
     named = {name: impulse for name, impulse, is_conserved in reacting if not is_conserved}
     found = _read_only(before, after, named, *(float(0.5 * each @ M @ each) for each in (before, after)))

@@ -12,7 +12,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from types import EllipsisType
 from typing import Literal, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
@@ -410,15 +409,6 @@ class Place(NamedTuple):
         return values if self.rows is None else values[..., self.rows, :]
 
 
-class _Varying(NamedTuple):
-    """Block of rows that are not constant, with index expressions for arrays (..., size) and (..., size, nv)."""
-
-    block: Rows
-    rows: Selection | None
-    entries: tuple[EllipsisType, slice]
-    lines: tuple[EllipsisType, slice, slice]
-
-
 class RowStack:
     """Vertical stack of selected rows of several blocks. Results have the leading axes of the states.
 
@@ -457,7 +447,7 @@ class RowStack:
         self.affine = any(place.block.affine for place in self.places)
         self.rheonomic = any(place.block.rheonomic for place in self.places)
         self.turning = any(place.block.turning for place in self.places)
-        self._varying = _varying(self.places)
+        self._varying = [place for place in places if not isinstance(place.block, ConstantRows)]
         self._constant: np.ndarray | None = None
         self._selected: dict[tuple[int, ...], RowStack] = {}
 
@@ -504,9 +494,8 @@ class RowStack:
             at: kinematics at configurations (..., nq).
             out: rows (..., size, nv), which are written.
         """
-        for block, rows, _, lines in self._varying:
-            values = block.jacobian(at)
-            out[lines] = values if rows is None else values[..., rows, :]
+        for place in self._varying:
+            out[..., place.where, :] = place.of_matrix(place.block.jacobian(at))
 
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
         """Jacobian J(q), (..., size, nv).
@@ -526,9 +515,8 @@ class RowStack:
             at: kinematics at states, configurations (..., nq) and velocities (..., nv).
         """
         out = np.zeros((*at.q.shape[:-1], self.size))
-        for block, rows, entries, _ in self._varying:
-            values = block.bias_acceleration(at)
-            out[entries] = values if rows is None else values[..., rows]
+        for place in self._varying:
+            out[..., place.where] = place.of(place.block.bias_acceleration(at))
         return out
 
     def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
@@ -538,9 +526,8 @@ class RowStack:
             at: kinematics at states, configurations (..., nq) and velocities (..., nv).
         """
         out = np.zeros((*at.q.shape[:-1], self.size, at.M.shape[-1]))
-        for block, rows, _, lines in self._varying:
-            values = block.jacobian_dot(at)
-            out[lines] = values if rows is None else values[..., rows, :]
+        for place in self._varying:
+            out[..., place.where, :] = place.of_matrix(place.block.jacobian_dot(at))
         return out
 
     def rate(self, at: PositionKinematics) -> np.ndarray:
@@ -637,14 +624,6 @@ def rheonomic_names(stack: RowStack) -> list[str]:
         stack: the rows.
     """
     return [name for place in stack.places if place.block.rheonomic for name in _of(place.block.names, place.rows)]
-
-
-def _varying(places: Sequence[Place]) -> list[_Varying]:
-    return [
-        _Varying(block, rows, (..., where), (..., where, slice(None)))
-        for block, where, rows in places
-        if not isinstance(block, ConstantRows)
-    ]
 
 
 def _selection(rows: list[int]) -> Selection:

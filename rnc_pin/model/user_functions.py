@@ -73,8 +73,7 @@ def gradient_with_error(model: pin.Model, field: Field, q: np.ndarray) -> tuple[
         field: function of one configuration.
         q: configuration (nq,).
     """
-    coarse, fine = (gradient(model, field, q, step) for step in (0.8 * STEP, 0.4 * STEP))
-    return fine, float(np.abs(fine - coarse).max(initial=0.0))
+    return _with_error(lambda step: gradient(model, field, q, step))
 
 
 def vector_gradient_with_error(field: Field, x: np.ndarray) -> tuple[np.ndarray, float]:
@@ -91,6 +90,11 @@ def vector_gradient_with_error(field: Field, x: np.ndarray) -> tuple[np.ndarray,
     def at_step(step: float) -> np.ndarray:
         return np.stack([central_difference(partial(moved, unit), step) for unit in np.eye(len(x))], axis=-1)
 
+    return _with_error(at_step)
+
+
+def _with_error(at_step: Callable[[float], np.ndarray]) -> tuple[np.ndarray, float]:
+    """Derivatives by a step, and their difference from those by twice the step."""
     coarse, fine = at_step(0.8 * STEP), at_step(0.4 * STEP)
     return fine, float(np.abs(fine - coarse).max(initial=0.0))
 
