@@ -95,33 +95,67 @@ class BaseAssumptions:
     steering: set[str] = field(default_factory=set)
 
     def steer(self, joint: str, remark: str = "steering") -> None:
-        """Add a joint that turns wheels to the actuators: it is driven, whatever effort the file states."""
+        """Add a joint that turns wheels to the actuators: it is driven, whatever effort the file states.
+
+        Args:
+            joint: name of the joint.
+            remark: remark on the entry.
+        """
         self.actuators.append((joint, remark))
         self.steering.add(joint)
 
     def decide(self, question: str, answer: str, confidence: float, evidence: str, *others: Alternative) -> None:
-        """Add a decision, with the other answers."""
+        """Add a decision, with the other answers.
+
+        Args:
+            question: what is decided, as a question.
+            answer: answer of the draft.
+            confidence: confidence between 0 and 1.
+            evidence: what the answer rests on.
+            *others: other answers.
+        """
         self.decisions.append(DraftDecision(question, answer, confidence, evidence, others))
 
     def hold(self, joints: Iterable[str], why: str) -> None:
-        """Lock joints at their start values, and note the reason."""
+        """Lock joints at their start values, and note the reason.
+
+        Args:
+            joints: names of joints.
+            why: reason, in words.
+        """
         named = list(dict.fromkeys(joints))
         if named:
             self.lock.update({joint: self.start.get(joint, 0.0) for joint in named})
             self.notes.append(f"{why}: {', '.join(named)}")
 
     def lock_carriers(self, wheels: Iterable[Wheel]) -> None:
-        """Lock the joints that would lift wheels."""
+        """Lock the joints that would lift wheels.
+
+        Args:
+            wheels: the wheels.
+        """
         carriers = (joint for wheel in wheels for joint in wheel.carriers)
         self.hold(carriers, "locked, because they would lift wheels off the ground")
 
     def roll_line(self, line: Iterable[Wheel], what: str = "", *, lateral: bool = True) -> None:
-        """Add the wheels of an axle line: the first one has a lateral row, for all of them, or none has."""
+        """Add the wheels of an axle line: the first one has a lateral row, for all of them, or none has.
+
+        Args:
+            line: wheels of one axle line.
+            what: remark on each wheel.
+            lateral: whether the first wheel has a lateral row.
+        """
         for index, wheel in enumerate(line):
             self.roll(wheel, what, **({} if lateral and index == 0 else {"lateral": False}))
 
     def roll(self, wheel: Wheel, what: str = "", /, **keys: Json) -> None:
-        """Add a wheel to the constraints, with a remark; one that is only drawn is a knife edge, or skids freely."""
+        """Add a wheel to the constraints, with a remark; one that is only drawn is a knife edge, or skids freely.
+
+        Args:
+            wheel: the wheel.
+            what: remark; empty for the source of the radius alone.
+            **keys: further settings of the constraint.
+        """
         if wheel.edge is not None:
             if keys.get("lateral") is not False:
                 self.constraints.append(({"no_side_slip": dict(wheel.edge)}, f"{what or 'knife edge'}; only drawn"))
@@ -133,11 +167,22 @@ class BaseAssumptions:
             self.doubts.append((wheel.joint, wheel.imbalance, said))
 
     def act(self, kind: str, axis: str, remark: str) -> None:
-        """Add a force or torque along an axis of the base's frame to the actuators."""
+        """Add a force or torque along an axis of the base's frame to the actuators.
+
+        Args:
+            kind: "force" or "torque".
+            axis: axis of the frame of the base: "x", "y" or "z".
+            remark: remark on the entry.
+        """
         self.actuators.append(({kind: {"frame": self.frame, "axis": axis}}, remark))
 
     def drive_along(self, axis: str, step: float = DRIVEN) -> None:
-        """Add the speed of the base along an axis of its frame to the candidate outputs."""
+        """Add the speed of the base along an axis of its frame to the candidate outputs.
+
+        Args:
+            axis: axis of the frame of the base: "x", "y" or "z".
+            step: displacement of the reference [m].
+        """
         self.outputs.append(({"frame_speed": {"frame": self.frame, "axis": axis}}, step))
 
     def add_planar_pose_outputs(self) -> None:
@@ -146,7 +191,11 @@ class BaseAssumptions:
 
 
 def place_and_heading(frame: str) -> list[dict[str, Json]]:
-    """Output entries for the position on the ground and the heading of a frame."""
+    """Output entries for the position on the ground and the heading of a frame.
+
+    Args:
+        frame: name of the frame.
+    """
     return [{"frame_position": {"frame": frame, "axes": "xy"}}, {"frame_yaw": frame}]
 
 
@@ -162,7 +211,11 @@ def turned(wheel: Wheel, **more: Json) -> dict[str, Json]:
 
 
 def measured(wheel: Wheel) -> str:
-    """Remark on the source of a wheel's radius."""
+    """Remark on the source of a wheel's radius.
+
+    Args:
+        wheel: the wheel.
+    """
     if wheel.measured == "height":
         return f"{UNMEASURED}, the value is the axle's height"
     if wheel.measured == "inertia":
@@ -190,7 +243,13 @@ class ChosenOutputs:
 def output_candidates(
     mobility: BaseAssumptions, robot: Robot, start: Mapping[str, float]
 ) -> list[tuple[Mapping[str, Json], float]]:
-    """Return output entries by preference with reference displacements: base, driven joints, passive joints."""
+    """Return output entries by preference with reference displacements: base, driven joints, passive joints.
+
+    Args:
+        mobility: assumptions about the base.
+        robot: the robot.
+        start: start values of its joints with one degree of freedom [rad or m].
+    """
     used = [entry["joint"] for entry, _ in mobility.outputs if "joint" in entry]
     joints = sorted((name for name in start if name not in used), key=lambda name: name in mobility.passive)
     return [*mobility.outputs, *(({"joint": name}, _step(robot, name, start[name])) for name in joints)]
@@ -200,6 +259,11 @@ def select_outputs(
     wanted: Iterable[tuple[Mapping[str, Json], float]], system: NonholonomicSystem, q: np.ndarray
 ) -> ChosenOutputs:
     """Return the candidates, in order, whose Jacobian rows at ``q`` (nq,) are independent of the rows before them.
+
+    Args:
+        wanted: output entries by preference, with the displacement of each reference [m or rad].
+        system: the robot with its constraints.
+        q: start (nq,).
 
     Raises:
         ConfigurationError: fewer than r independent rows.
@@ -394,7 +458,12 @@ def _decision_on_others(idle: Sequence[str], drives: DriveEvidence) -> DraftDeci
 
 
 def conserve_momentum_of_free_joints(mobility: BaseAssumptions, robot: Robot) -> None:
-    """Add conservation of momentum for joints without effort that turn on the ground, if nothing else acts on them."""
+    """Add conservation of momentum for joints without effort that turn on the ground, if nothing else acts on them.
+
+    Args:
+        mobility: assumptions about the base; they are extended.
+        robot: the robot.
+    """
     if mobility.base != "fixed" or mobility.constraints:
         return
     for name in robot.joint_names:

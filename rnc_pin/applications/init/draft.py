@@ -77,7 +77,11 @@ class BaseEvidence:
         return not self.layout.wheels or bool(self.layout.fixed and not self.layout.steered and not self.is_cart)
 
     def complete(self, mobility: BaseAssumptions) -> None:
-        """Add the decisions on its wheels, the doubts about crossed axes, and locks of joints that nothing drives."""
+        """Add the decisions on its wheels, the doubts about crossed axes, and locks of joints that nothing drives.
+
+        Args:
+            mobility: assumptions about the base; they are extended.
+        """
         mobility.decisions[:0] = [each for each in (self.balance, self.rollers) if each is not None]
         if self.asked is None and self.layout.wheels and self.search.guessed:
             evidence = "they turn on and on about one axle in pairs, and their meshes were not found"
@@ -90,7 +94,12 @@ class BaseEvidence:
             mobility.notes.append(f"locked, because nothing drives them: {', '.join(loose)}")
 
     def without_wheels(self, base: str | None, why: str = "asked for") -> BaseAssumptions:
-        """Return the assumptions without wheels, on a base or on the likely one."""
+        """Return the assumptions without wheels, on a base or on the likely one.
+
+        Args:
+            base: "fixed", "planar" or "free"; None for the likely one.
+            why: reason for a given base.
+        """
         return other_bases.without_wheels(self.at_start, base, self.source.mass_of_base, why)
 
 
@@ -168,6 +177,11 @@ def draft_with_decisions(source: str, folder: Path, wishes: DraftOptions | None 
     """Return a scenario as ``draft`` does, with the decisions behind it.
 
     If its run exceeds limits or collides and a decision is open, another answer that leaves no doubts is taken.
+
+    Args:
+        source: a file, or the name of a shipped URDF or of a robot of example-robot-data.
+        folder: folder of the scenario.
+        wishes: user's choices that replace guesses.
     """
     choices = wishes or DraftOptions()
     taken = first = _tried(source, folder, choices)

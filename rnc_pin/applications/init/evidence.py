@@ -82,7 +82,11 @@ _PARTS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
 
 
 def words_of(*names: str) -> list[str]:
-    """Return the words of names in lower case: ``baseFootprint_2`` has the words base and footprint."""
+    """Return the words of names in lower case: ``baseFootprint_2`` has the words base and footprint.
+
+    Args:
+        *names: names of links, joints or files.
+    """
     return [part.lower() for name in names for part in _PARTS.findall(name)]
 
 
@@ -90,6 +94,10 @@ def has_word(pattern: str, *names: str) -> bool:
     """Return whether a word of the names, or two neighbouring words joined by "_", match a pattern from end to end.
 
     So "roller" is not found in "controller", and "foot" not in "footprint". A plural with "s" matches too.
+
+    Args:
+        pattern: regular expression of a whole word.
+        *names: names of links, joints or files.
     """
     whole = _whole(pattern)
     for name in names:
@@ -106,12 +114,24 @@ def _whole(pattern: str) -> re.Pattern[str]:
 
 
 def sliding_axis(model: pin.Model, data: pin.Data, joint: int) -> np.ndarray:
-    """Linear part (3,) of the Jacobian column, in the world axes, of a joint with one degree of freedom."""
+    """Linear part (3,) of the Jacobian column, in the world axes, of a joint with one degree of freedom.
+
+    Args:
+        model: model of the robot.
+        data: data of the model, with joint Jacobians.
+        joint: index of the joint.
+    """
     return _column(model, data, joint)[:3]
 
 
 def turning_axis(model: pin.Model, data: pin.Data, joint: int) -> np.ndarray:
-    """Rotation axis in the world frame (3,) of a joint with one degree of freedom; zero for a prismatic joint."""
+    """Rotation axis in the world frame (3,) of a joint with one degree of freedom; zero for a prismatic joint.
+
+    Args:
+        model: model of the robot.
+        data: data of the model, with joint Jacobians.
+        joint: index of the joint.
+    """
     return _column(model, data, joint)[3:]
 
 
@@ -122,7 +142,12 @@ def _column(model: pin.Model, data: pin.Data, joint: int) -> np.ndarray:
 
 
 def body_frame(robot: Robot, joint: int) -> str:
-    """Name of the body frame at the joint's placement, or of the joint's own frame if there is none."""
+    """Name of the body frame at the joint's placement, or of the joint's own frame if there is none.
+
+    Args:
+        robot: the robot.
+        joint: index of the joint.
+    """
     frames = [frame for frame in robot.model.frames if frame.parentJoint == joint]
     for frame in frames:
         if frame.type == pin.FrameType.BODY and np.allclose(frame.placement.translation, 0.0):
@@ -131,7 +156,12 @@ def body_frame(robot: Robot, joint: int) -> str:
 
 
 def joint_limits(robot: Robot, name: str) -> tuple[float, float]:
-    """Position limits of a joint [rad or m]; infinite if the file gives none."""
+    """Position limits of a joint [rad or m]; infinite if the file gives none.
+
+    Args:
+        robot: the robot.
+        name: name of the joint.
+    """
     joint = robot.model.joints[robot.joint_id(name)]
     if joint.nq != 1:
         return -np.inf, np.inf
@@ -143,6 +173,11 @@ def joint_range(robot: Robot, name: str, leaders: tuple[str, ...] = ()) -> tuple
     """Position limits of a joint at which its mimic joints are within their limits too [rad or m].
 
     The lower value is above the upper one if there is no such position. ``leaders`` are joints that it mimics itself.
+
+    Args:
+        robot: the robot.
+        name: name of the joint.
+        leaders: joints that it mimics itself.
     """
     low, high = joint_limits(robot, name)
     leaders = (*leaders, name)
@@ -157,7 +192,12 @@ def joint_range(robot: Robot, name: str, leaders: tuple[str, ...] = ()) -> tuple
 
 
 def range_of_motion(robot: Robot, name: str) -> tuple[float, float]:
-    """Position limits of a joint at which those that it mimics and its mimic joints are within theirs [rad or m]."""
+    """Position limits of a joint at which those that it mimics and its mimic joints are within theirs [rad or m].
+
+    Args:
+        robot: the robot.
+        name: name of the joint.
+    """
     low, high = joint_range(robot, name)
     for mimic in robot.mimics:
         if mimic.joint == name and mimic.multiplier and mimic.of in robot.joint_names:
@@ -167,12 +207,22 @@ def range_of_motion(robot: Robot, name: str) -> tuple[float, float]:
 
 
 def effort_limit(robot: Robot, name: str) -> float:
-    """Effort limit of a joint with one degree of freedom [N or N m]; 0 if the file gives none."""
+    """Effort limit of a joint with one degree of freedom [N or N m]; 0 if the file gives none.
+
+    Args:
+        robot: the robot.
+        name: name of the joint.
+    """
     return float(robot.model.upperEffortLimit[robot.velocity_indices(name).start])
 
 
 def is_revolute(robot: Robot, name: str) -> bool:
-    """True if a joint with one degree of freedom is revolute, False if it is prismatic."""
+    """True if a joint with one degree of freedom is revolute, False if it is prismatic.
+
+    Args:
+        robot: the robot.
+        name: name of the joint.
+    """
     return robot.velocity_units[robot.velocity_indices(name).start] == "rad/s"
 
 
@@ -201,7 +251,11 @@ class DriveEvidence:
     passive: frozenset[str] = frozenset()
 
     def says(self, joint: str) -> bool | None:
-        """Return whether options and lists call a joint driven, or None if both are silent."""
+        """Return whether options and lists call a joint driven, or None if both are silent.
+
+        Args:
+            joint: name of the joint.
+        """
         if joint in self.driven or joint in self.passive:
             return joint in self.driven
         if joint in self.named:
@@ -209,14 +263,22 @@ class DriveEvidence:
         return False if self.is_list else None
 
     def drives(self, joint: str) -> bool:
-        """Return whether a joint is probably driven, without other joints of its kind to compare it with."""
+        """Return whether a joint is probably driven, without other joints of its kind to compare it with.
+
+        Args:
+            joint: name of the joint.
+        """
         said = self.says(joint)
         if said is None and self.named:
             return False
         return self.efforts.get(joint, 0.0) > 0 if said is None else said
 
     def strength(self, joint: str) -> tuple[bool, bool]:
-        """Return a value that is larger the more speaks for a motor on this one of several coupled joints."""
+        """Return a value that is larger the more speaks for a motor on this one of several coupled joints.
+
+        Args:
+            joint: name of the joint.
+        """
         return self.says(joint) is True, self.efforts.get(joint, 0.0) > 0
 
     def driven_of(self, joints: Collection[str], usual: Iterable[str]) -> DrivenJoints:
@@ -248,7 +310,11 @@ class DriveEvidence:
         return DrivenJoints(tuple(usual), sure, "as usual, because the file names no motor")
 
     def source(self, joint: str) -> str:
-        """Return what names a joint as driven."""
+        """Return what names a joint as driven.
+
+        Args:
+            joint: name of the joint.
+        """
         option = "an option"
         return option if joint in self.driven else self.named[joint]
 
@@ -256,6 +322,9 @@ class DriveEvidence:
         """Return the joints beside the base that options or the file's list of motors leave out.
 
         A list of a URDF that names none of several joints is a list of the base alone.
+
+        Args:
+            joints: names of the joints beside the base.
         """
         left = [each for each in joints if self.says(each) is False]
         several = 3  # number of joints beside the base above which a list that names none is one of the base alone
@@ -283,6 +352,10 @@ def mimic_drivers(robot: Robot, drives: DriveEvidence) -> dict[str, str]:
 
     The driver is the leader, or a follower if the file or an option gives the motor to it. A locked leader stays the
     driver.
+
+    Args:
+        robot: the robot.
+        drives: evidence for which joints have a motor.
     """
     follows = {each.joint: each.of for each in robot.mimics if each.joint in robot.joint_names}
     still = {each.joint for each in robot.mimics if not each.multiplier}
@@ -307,7 +380,11 @@ def _last_leader(joint: str, follows: Mapping[str, str]) -> str:
 
 
 def named_as_driven(robot: ElementTree.Element) -> tuple[dict[str, str], bool]:
-    """Return what names each driven joint of a URDF, and whether the file lists motors by joint."""
+    """Return what names each driven joint of a URDF, and whether the file lists motors by joint.
+
+    Args:
+        robot: root element of the URDF.
+    """
     joints = {str(joint.get("name")) for joint in robot.findall("joint")}
     sources = {".//ros2_control/joint[command_interface]": "ros2_control", ".//transmission/joint": "a transmission"}
     found = ((str(each.get("name")), source) for path, source in sources.items() for each in robot.iterfind(path))

@@ -35,6 +35,10 @@ def turret_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
 
     If the axle is beside the pivot, the body moves in any direction; if it is below the pivot, the turret has to turn
     first, and the outputs are its speed and its heading.
+
+    Args:
+        layout: wheels by their function.
+        at_start: the robot at its start values.
     """
     unit = layout.steered[0]
     kind = f"{len(layout.wheels)} wheels, driven by a turret with {len(unit.wheels)} wheels"
@@ -60,6 +64,10 @@ def swerve_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
     """Base on steered drives: each has a motor that steers and a motor that drives.
 
     Two axle lines fix the centre of rotation; the wheels of the others skid sideways if they are not aimed at it.
+
+    Args:
+        layout: wheels by their function.
+        at_start: the robot at its start values.
     """
     kind = f"{len(layout.wheels)} wheels, {len(layout.steered)} of them steered drives"
     result = wheeled_base.planar_on_wheels(layout, at_start, kind)
@@ -115,7 +123,12 @@ _OMNIDIRECTIONAL = "mecanum.*|.*mecanum|omni|omniwheel|omnidirectional|swedish|h
 
 
 def wheels_called_omni(wheels: Sequence[Wheel], at_start: RobotAtStart) -> list[Wheel]:
-    """Return the wheels of which a joint, a link or a mesh has the name of a wheel with rollers."""
+    """Return the wheels of which a joint, a link or a mesh has the name of a wheel with rollers.
+
+    Args:
+        wheels: wheels that touch the ground.
+        at_start: the robot at its start values.
+    """
     return [wheel for wheel in wheels if has_word(_OMNIDIRECTIONAL, *at_start.names_on(wheel.joint))]
 
 
@@ -131,6 +144,11 @@ def rollers_decision(layout: WheelLayout, at_start: RobotAtStart, asked: bool | 
     """Return whether wheels have rollers: by an option, as joints of the file, by headings, or by names.
 
     Names count if they belong to a wheel or to the whole robot: an omnidirectional camera says nothing of the wheels.
+
+    Args:
+        layout: wheels by their function.
+        at_start: the robot at its start values.
+        asked: answer of the user, or None.
 
     Returns:
         The decision, whose answer is "yes" or "no"; None if the question does not arise.
@@ -157,7 +175,12 @@ def rollers_decision(layout: WheelLayout, at_start: RobotAtStart, asked: bool | 
 
 
 def omnidirectional_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
-    """Base on three or more wheels with rollers; each roller is one constraint row."""
+    """Base on three or more wheels with rollers; each roller is one constraint row.
+
+    Args:
+        layout: wheels by their function.
+        at_start: the robot at its start values.
+    """
     wheels, parallel = layout.fixed, layout.is_straight
     angles = [_angle(wheel, wheels, at_start, parallel) for wheel in wheels]
     apart = 0.05  # smallest singular value of three independent rows on the base velocity
@@ -210,7 +233,11 @@ def _why_not_on_wheels(found: WheelLayout) -> str:
 
 
 def push(result: BaseAssumptions) -> None:
-    """Add forces along x and y, a torque about z, and the outputs of the base's planar pose."""
+    """Add forces along x and y, a torque about z, and the outputs of the base's planar pose.
+
+    Args:
+        result: assumptions about the base; they are extended.
+    """
     for axis in "xy":
         result.act("force", axis, "in place of the wheels")
     result.act("torque", "z", "")

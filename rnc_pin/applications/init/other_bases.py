@@ -36,6 +36,11 @@ from rnc_pin.robots import NO_LIMIT, flat_links
 def balance_decision(layout: WheelLayout, at_start: RobotAtStart, asked: bool | None) -> DraftDecision | None:
     """Return whether a base that stands on two wheels of one axle balances: by an option, its mass, supports and names.
 
+    Args:
+        layout: wheels by their function.
+        at_start: the robot at its start values.
+        asked: answer of the user, or None.
+
     Returns:
         The decision, whose answer is "yes" or "no"; None if the question does not arise.
     """
@@ -76,6 +81,10 @@ def balancing_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptio
     """Free base on one axle: two wheel torques control both wheel angles and the pitch.
 
     The feedback uses wheel angles, not path length and heading: the motion of an unbalanced wheel depends on its angle.
+
+    Args:
+        layout: wheels by their function.
+        at_start: the robot at its start values.
     """
     wheels, kind = layout.fixed, "2 wheels under a body that balances"
     result = BaseAssumptions("free", kind, at_start.frame, at_start.start, travel=DRIVEN)
@@ -115,6 +124,10 @@ def balancing_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptio
 def refuse_one_track(layout: WheelLayout, crossed: Collection[str]) -> NoReturn:
     """Refuse wheels in line without steering, or wheels that seem so because the axes of their joints are wrong.
 
+    Args:
+        layout: wheels by their function.
+        crossed: joints with an axis across their drawn cylinder.
+
     Raises:
         ConfigurationError: always.
     """
@@ -129,7 +142,12 @@ def refuse_one_track(layout: WheelLayout, crossed: Collection[str]) -> NoReturn:
 
 
 def bicycle_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
-    """Free base that rolls forward, tilts, and is balanced by its steering."""
+    """Free base that rolls forward, tilts, and is balanced by its steering.
+
+    Args:
+        layout: wheels by their function.
+        at_start: the robot at its start values.
+    """
     rear, fork = layout.fixed[0], layout.steered[0]
     front = fork.wheels[0]
     across, along, steering = at_start.along(rear.axle), at_start.along(rear.heading), fork.pivot.joint
@@ -243,7 +261,11 @@ _AT_SEA = "boat|ship|vessel|usv|asv|catamaran|kayak|canoe|barge|hull|wam_?v|surf
 
 
 def moves_over_ground(at_start: RobotAtStart) -> str:
-    """Return why a robot without rolling wheels moves over the ground in any direction, or an empty string."""
+    """Return why a robot without rolling wheels moves over the ground in any direction, or an empty string.
+
+    Args:
+        at_start: the robot at its start values.
+    """
     moves = "planar_?move.*|.*planar_?move|omnidirectional|holonomic|mecanum.*|force_?based_?move"
     if has_word(moves, at_start.names.plugins):
         return "a plugin of the file moves it over the ground in any direction"
@@ -253,7 +275,11 @@ def moves_over_ground(at_start: RobotAtStart) -> str:
 
 
 def is_called_afloat(at_start: RobotAtStart) -> bool:
-    """True if the name of the robot means that it swims, dives or flies: bodies that turn are propellers then."""
+    """True if the name of the robot means that it swims, dives or flies: bodies that turn are propellers then.
+
+    Args:
+        at_start: the robot at its start values.
+    """
     return has_word(f"{_AFLOAT}|{_AT_SEA}", *at_start.title)
 
 
@@ -315,7 +341,11 @@ def _likely_motion(
 
 
 def fixed_base_with_locked_joints(at_start: RobotAtStart) -> BaseAssumptions:
-    """Robot on a fixed base with its joints without effort locked, because they would fall."""
+    """Robot on a fixed base with its joints without effort locked, because they would fall.
+
+    Args:
+        at_start: the robot at its start values.
+    """
     kind = "bolted down, with the joints held that nothing drives"
     result = BaseAssumptions("fixed", kind, at_start.frame, at_start.start)
     weak = [name for name in at_start.start if effort_limit(at_start.robot, name) == 0]

@@ -29,12 +29,21 @@ INDEPENDENT = 1e-3
 
 
 def placed(length: float) -> float:
-    """Return the distance [m] below which two positions on a part of this length are equal: a tenth of small parts."""
+    """Return the distance [m] below which two positions on a part of this length are equal: a tenth of small parts.
+
+    Args:
+        length: length of the part [m].
+    """
     return min(PLACED, 0.1 * length)
 
 
 def first_smallest(values: Sequence[float] | np.ndarray, slack: float) -> int:
-    """Return the index of the first value within ``slack`` of the smallest; rounding does not change it."""
+    """Return the index of the first value within ``slack`` of the smallest; rounding does not change it.
+
+    Args:
+        values: the values.
+        slack: difference below which two values are equal.
+    """
     array = np.asarray(values)
     return int(np.flatnonzero(array <= array.min() + slack)[0])
 
@@ -93,7 +102,12 @@ class Shape:
 
 
 def joints_without_mesh(robot: Robot, kind: Kind) -> set[int]:
-    """Indices of the joints that carry links whose "visual" or "collision" geometry lacks a mesh."""
+    """Indices of the joints that carry links whose "visual" or "collision" geometry lacks a mesh.
+
+    Args:
+        robot: the robot.
+        kind: "visual" or "collision".
+    """
     try:
         links = robot.missing_meshes(kind)
     except ModelError:
@@ -102,7 +116,13 @@ def joints_without_mesh(robot: Robot, kind: Kind) -> set[int]:
 
 
 def shapes(robot: Robot, kind: Kind, q: np.ndarray) -> list[Shape]:
-    """Return the "visual" or "collision" geometry at a configuration (nq,); empty if files are missing."""
+    """Return the "visual" or "collision" geometry at a configuration (nq,); empty if files are missing.
+
+    Args:
+        robot: the robot.
+        kind: "visual" or "collision".
+        q: configuration (nq,).
+    """
     try:
         geometry = robot.visual_model if kind == "visual" else robot.collision_model
     except ModelError:
@@ -165,6 +185,11 @@ def fitted_disk(parts: list[Shape], center: np.ndarray, axle: np.ndarray) -> Dis
 
     Radius and roundness are those about the middle of the shapes, which files place a little beside the axle, or about
     the axle if that is smaller: an odd number of rollers reaches farther on one side.
+
+    Args:
+        parts: shapes in the world frame.
+        center: point on the axle in the world frame (3,) [m].
+        axle: direction of the axle in the world frame (3,), of unit length.
     """
     if not parts:
         return None
@@ -199,7 +224,12 @@ def _reach(part: Shape, own: np.ndarray, axle: np.ndarray) -> float:
 
 
 def across(vectors: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Component of vectors (..., 3) perpendicular to a unit axis (3,)."""
+    """Component of vectors (..., 3) perpendicular to a unit axis (3,).
+
+    Args:
+        vectors: vectors (..., 3).
+        axis: unit axis (3,).
+    """
     return np.asarray(vectors - (vectors @ axis)[..., None] * axis)
 
 
@@ -326,7 +356,11 @@ class RobotAtStart:
         return {name: np.atleast_1d(values[name]).tolist() for name in names}
 
     def driver(self, joint: str) -> str:
-        """Return the joint that drives a joint by a mimic of the file, or the joint itself."""
+        """Return the joint that drives a joint by a mimic of the file, or the joint itself.
+
+        Args:
+            joint: name of the joint.
+        """
         driver = self._mimic_drivers.get(joint, joint)
         return driver if driver in self.robot.joint_names else joint
 
@@ -335,7 +369,12 @@ class RobotAtStart:
         return mimic_drivers(self.robot, self.drives)
 
     def are_in_loops(self, one: str, other: str) -> bool:
-        """Return whether loop closures of the file couple two joints, through other loops too."""
+        """Return whether loop closures of the file couple two joints, through other loops too.
+
+        Args:
+            one: name of one joint.
+            other: name of the other joint.
+        """
         model, robot = self.robot.model, self.robot
         loops: list[set[int]] = []
         for closure in robot.closures:
@@ -364,16 +403,29 @@ class RobotAtStart:
         return self.data.oMf[self.robot.frame_id(self.frame)]
 
     def along(self, direction: np.ndarray, frame: str = "") -> str:
-        """Return the local axis of a frame nearest to a direction in the world frame (3,); the first one in a tie."""
+        """Return the local axis of a frame nearest to a direction in the world frame (3,); the first one in a tie.
+
+        Args:
+            direction: direction in the world frame (3,).
+            frame: name of the frame; empty for the frame of the base.
+        """
         placement = self.data.oMf[self.robot.frame_id(frame or self.frame)]
         return "xyz"[first_smallest(-np.abs(placement.rotation.T @ direction), ALIGNED)]
 
     def carrier(self, joint: str) -> str:
-        """Return the joint of the body that carries a joint; "universe" for a base that is fixed to the world."""
+        """Return the joint of the body that carries a joint; "universe" for a base that is fixed to the world.
+
+        Args:
+            joint: name of the joint.
+        """
         return str(self.robot.model.names[self.robot.model.parents[self.robot.joint_id(joint)]])
 
     def own_point(self, point: np.ndarray) -> list[float]:
-        """Return a point of the world frame (3,) in the base's frame [m]."""
+        """Return a point of the world frame (3,) in the base's frame [m].
+
+        Args:
+            point: point in the world frame (3,) [m].
+        """
         return [round(float(each), 6) + 0.0 for each in self.placement.actInv(point)]
 
     @cached_property
@@ -386,7 +438,11 @@ class RobotAtStart:
         return self.names.title, self.robot.model.name, self.names.plugins, self.frame, *links
 
     def names_on(self, *joints: str) -> tuple[str, ...]:
-        """Return the names of joints, of the links on them, and of the meshes of these links."""
+        """Return the names of joints, of the links on them, and of the meshes of these links.
+
+        Args:
+            *joints: names of joints; "universe" for the world.
+        """
         indices = {0 if joint == "universe" else self.robot.joint_id(joint) for joint in joints}
         links = [str(frame.name) for frame in self.robot.model.frames if frame.parentJoint in indices]
         return *joints, *links, *(self.names.meshes.get(link, "") for link in links)

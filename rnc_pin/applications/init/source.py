@@ -52,7 +52,11 @@ class DraftOptions:
     rollers: bool | None = None
 
     def with_choices(self, new: Mapping[str, bool | str | Sequence[str]]) -> DraftOptions:
-        """Return these choices with those of an alternative; its joints are added to the joints named before."""
+        """Return these choices with those of an alternative; its joints are added to the joints named before.
+
+        Args:
+            new: fields of these options with their values.
+        """
         joined: dict[str, Any] = {
             name: value if isinstance(value, bool | str) else (*vars(self)[name], *value) for name, value in new.items()
         }
@@ -90,7 +94,12 @@ class Source:
         self.notes: list[str] = []
 
     def load(self, base: str | None, lock: Lock | None = None) -> Robot:
-        """Return the robot; a joint that moves no mass is locked or its links get a mass, from now on."""
+        """Return the robot; a joint that moves no mass is locked or its links get a mass, from now on.
+
+        Args:
+            base: "fixed", "planar", "free", or None for the base of the file.
+            lock: joints to lock, with their values [rad or m].
+        """
         while True:
             try:
                 robot = self.load_unchanged(base, lock)
@@ -104,12 +113,21 @@ class Source:
             self.masses[link] = mass_of_box(_volume(robot))
 
     def load_unchanged(self, base: str | None, lock: Lock | None = None) -> Robot:
-        """Return the robot without such changes; a joint that moves no mass is an error."""
+        """Return the robot without such changes; a joint that moves no mass is an error.
+
+        Args:
+            base: "fixed", "planar", "free", or None for the base of the file.
+            lock: joints to lock, with their values [rad or m].
+        """
         raw = {**self.robot_entry(base), "lock": {**self.held, **(lock or {})}}
         return admitted(RobotSource, raw, "robot").build(self._folder)
 
     def robot_entry(self, base: str | None) -> dict[str, Json]:
-        """Return the robot entry with a base."""
+        """Return the robot entry with a base.
+
+        Args:
+            base: "fixed", "planar", "free", or None for the base of the file.
+        """
         masses: dict[str, Json] = {"masses": dict(self.masses)} if self.masses else {}
         return {**self.entry, **masses, **({} if base is None else {"base": base})}
 
@@ -163,6 +181,9 @@ class Source:
     def drive_evidence(self, robot: Robot) -> DriveEvidence:
         """Return which joints have a motor, as far as options and the file tell.
 
+        Args:
+            robot: the robot.
+
         Raises:
             ModelError: an option names an unknown joint.
         """
@@ -189,7 +210,11 @@ class Source:
         return parse_urdf(path, options.xacro_arguments, Packages(path.parent, options.package_dirs))
 
     def remember_packages(self, robot: Robot) -> None:
-        """Add package folders that another shell would not find to the entry."""
+        """Add package folders that another shell would not find to the entry.
+
+        Args:
+            robot: the robot.
+        """
         given = [each.resolve() for each in self.options.package_dirs]
         far = [each for each in robot.far_packages.values() if not {each, *each.parents} & set(given)]
         if given or far:
@@ -206,7 +231,13 @@ class Source:
         self.hold(still, "the limits of the file leave no motion", still)
 
     def hold(self, joints: Iterable[str], why: str, values: Mapping[str, float] | None = None) -> None:
-        """Lock joints from now on, at zero or at given values, and note the reason."""
+        """Lock joints from now on, at zero or at given values, and note the reason.
+
+        Args:
+            joints: names of joints.
+            why: reason, in words.
+            values: values of the joints [rad or m]; 0 for a joint without one.
+        """
         new = {name: (values or {}).get(name, 0.0) for name in joints if name not in self.held}
         self.held.update(new)
         if new:

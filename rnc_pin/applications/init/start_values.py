@@ -23,7 +23,11 @@ _STEPS = 20  # number of steps in which a loop is followed
 
 
 def loop_closures(robot: Robot) -> list[tuple[Entry, str]]:
-    """Return constraints for the loops of a file, with a remark on each; a loop within one body needs none."""
+    """Return constraints for the loops of a file, with a remark on each; a loop within one body needs none.
+
+    Args:
+        robot: the robot.
+    """
     entries: list[tuple[Entry, str]] = []
     for closure in robot.closures:
         joints = {robot.model.frames[robot.frame_id(name)].parentJoint for name in closure[:2]}
@@ -144,6 +148,9 @@ def start_values(robot: Robot) -> _Values:
     edge of the limits is moved inside by a small share of their range: motions may overshoot.
     Mimic joints take the values that their leaders give them. Joints of loops start at zero, or as the file draws them,
     or near the middle of their limits: at the first of these configurations that closes the loops within the limits.
+
+    Args:
+        robot: the robot.
     """
     start = {}
     for index, name in enumerate(robot.joint_names, start=1):

@@ -54,7 +54,11 @@ class Pivot:
     is_continuous: bool
 
     def offset(self, point: np.ndarray) -> np.ndarray:
-        """Return the horizontal vector (3,) from the axis to a point (3,)."""
+        """Return the horizontal vector (3,) from the axis to a point (3,).
+
+        Args:
+            point: point in the world frame (3,) [m].
+        """
         away = point - self.point
         away = away - away[2] / self.axis[2] * self.axis
         return np.asarray(away)
@@ -124,17 +128,29 @@ class Wheel:
         return self.edge is None and self.width <= self.radius
 
     def touches(self, ground: float) -> bool:
-        """Return whether it reaches down to a height [m]; a radius that was not measured may be half as large."""
+        """Return whether it reaches down to a height [m]; a radius that was not measured may be half as large.
+
+        Args:
+            ground: height of the ground [m].
+        """
         return self.bottom - ground < (NEAR if self.is_shaped else 1.0) * self.radius
 
     def is_in_line_with(self, other: Wheel) -> bool:
-        """Return whether it is on the axle line of another wheel."""
+        """Return whether it is on the axle line of another wheel.
+
+        Args:
+            other: the other wheel.
+        """
         beside = across(self.center - other.center, other.axle)
         is_parallel = np.linalg.norm(np.cross(self.axle, other.axle)) < ALIGNED
         return bool(is_parallel and np.linalg.norm(beside) < placed(other.radius or np.inf))
 
     def is_like(self, other: Wheel) -> bool:
-        """Return whether two disks on one body, which turn once, are equal and side by side on one axle line."""
+        """Return whether two disks on one body, which turn once, are equal and side by side on one axle line.
+
+        Args:
+            other: the other wheel.
+        """
         chains = [(*each.carriers, *(pivot.joint for pivot in each.pivots)) for each in (self, other)]
         equal = abs(other.radius - self.radius) < ALIGNED * other.radius and chains[0] == chains[1]
         return self.turns_once and other.turns_once and equal and self.is_in_line_with(other)

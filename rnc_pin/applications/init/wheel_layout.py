@@ -166,7 +166,11 @@ class WheelLayout:
 
 
 def in_line(wheels: Iterable[Wheel]) -> list[list[Wheel]]:
-    """Return wheels grouped by axle line."""
+    """Return wheels grouped by axle line.
+
+    Args:
+        wheels: wheels to group.
+    """
     axles: list[list[Wheel]] = []
     same_line = 0.25  # largest distance of wheels of one axle line along their heading, in radii: at ends of legs too
     for wheel in wheels:
@@ -181,7 +185,12 @@ def in_line(wheels: Iterable[Wheel]) -> list[list[Wheel]]:
 
 
 def are_parallel(one: Wheel, other: Wheel) -> bool:
-    """True if two wheels have the same heading, up to 2.5 degrees."""
+    """True if two wheels have the same heading, up to 2.5 degrees.
+
+    Args:
+        one: one wheel.
+        other: the other wheel.
+    """
     return bool(abs(one.heading @ other.heading) > 1 - 1e-3)
 
 

@@ -51,7 +51,13 @@ def wheeled_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions
 
 
 def add_wheel_motors(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart) -> None:
-    """Add the driven wheels to the actuators; the others are passive. Wheels that move together have one motor."""
+    """Add the driven wheels to the actuators; the others are passive. Wheels that move together have one motor.
+
+    Args:
+        result: assumptions about the base; they are extended.
+        layout: wheels by their function.
+        at_start: the robot at its start values.
+    """
     wheels = [wheel.joint for wheel in layout.motorized]
     if not wheels:
         return
@@ -67,7 +73,12 @@ def add_wheel_motors(result: BaseAssumptions, layout: WheelLayout, at_start: Rob
 
 
 def support_by_casters(result: BaseAssumptions, layout: WheelLayout) -> None:
-    """Add casters, which follow the base; a swivel without a trail does not, so that its wheel skids."""
+    """Add casters, which follow the base; a swivel without a trail does not, so that its wheel skids.
+
+    Args:
+        result: assumptions about the base; they are extended.
+        layout: wheels by their function.
+    """
     for carriage in layout.casters:
         if not carriage.follows:
             result.hold([carriage.pivot.joint], "a swivel without a trail does not turn by itself: held")
@@ -80,7 +91,13 @@ def support_by_casters(result: BaseAssumptions, layout: WheelLayout) -> None:
 
 
 def planar(at_start: RobotAtStart, kind: str, wheels: list[Wheel]) -> BaseAssumptions:
-    """Planar base; it uses the file's own planar joints if there are any."""
+    """Planar base; it uses the file's own planar joints if there are any.
+
+    Args:
+        at_start: the robot at its start values.
+        kind: description of the base.
+        wheels: wheels that tell the height of the ground.
+    """
     result = BaseAssumptions("planar", kind, at_start.frame, at_start.start, travel=DRIVEN)
     if at_start.own_planar_joints:
         result.base = "fixed"
@@ -97,7 +114,13 @@ def planar(at_start: RobotAtStart, kind: str, wheels: list[Wheel]) -> BaseAssump
 
 
 def planar_on_wheels(layout: WheelLayout, at_start: RobotAtStart, kind: str) -> BaseAssumptions:
-    """Planar base with the joints held that would lift its wheels or that only slide."""
+    """Planar base with the joints held that would lift its wheels or that only slide.
+
+    Args:
+        layout: wheels by their function.
+        at_start: the robot at its start values.
+        kind: description of the base.
+    """
     result = planar(at_start, kind, layout.wheels)
     result.lock_carriers(layout.wheels)
     if drawn := [wheel.frame for wheel in layout.wheels if wheel.edge is not None]:
@@ -199,6 +222,9 @@ def tracks(layout: WheelLayout) -> list[list[Wheel]]:
 
     Wheels of a track are called so, or turn below a sprocket, or are many: vehicles with more than four axles run on
     tracks. If the file names a motor of each wheel, there is no track.
+
+    Args:
+        layout: wheels by their function.
     """
     wheels = layout.fixed
     of_track, many = 3, 5  # smallest number of wheels of a track: called so, or of any name
