@@ -38,8 +38,8 @@ def driven(scenario, samples, forward, left, turn):
 
 def with_servos(scenario, target, duration):
     reduced, servos = scenario.reduced, rnc.plants.VelocityPlant(scenario.reduced, servo_time=0.01)
-    controller = ActuatorVelocityController(reduced, target)
-    return rnc.simulate(reduced, controller, scenario.experiment.q0, duration, DT, plant=servos)
+    motors, q0 = ActuatorVelocityController(reduced, target), scenario.experiment.q0
+    return rnc.simulate(reduced, motors, q0, duration, DT, plant=servos)
 
 
 def pose_of(q):
@@ -70,11 +70,8 @@ class Commanded(TwistController):
 def twisted(scenario):
     """Run with ``TwistController``; odometry follows it."""
     reduced, pose = scenario.reduced, np.zeros(3)
-    controller, odometry = (
-        Commanded(reduced, "base", DT, max_acceleration=(0.5, 0.5, 1.0)),
-        WheelOdometry(reduced, "base"),
-    )
-    run = with_servos(scenario, controller, 3.0)
+    odometry, most = WheelOdometry(reduced, "base"), (0.5, 0.5, 1.0)
+    run = with_servos(scenario, Commanded(reduced, "base", DT, max_acceleration=most), 3.0)
     assert run.v[-1, [0, 2]] == pytest.approx(TWIST[::2], abs=1e-3)
     for before, after in zip(run.q[:-1], run.q[1:], strict=True):
         pose = odometry.step(pose, before, after).pose

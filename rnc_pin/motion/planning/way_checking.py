@@ -223,12 +223,16 @@ def goal_configurations(
     begun, found, why = time.monotonic(), list[Array](), ""
     clearance = 0.0 if checker is None else checker.clearance + 2 * checker.tolerance
 
+    bounds, (low, high) = position_limits(reduced), np.full((2, reduced.n), [[-np.pi], [np.pi]])
+    ends = [bounds.lower, bounds.upper] - start[bounds.q_index]
+    low[bounds.v_index], high[bounds.v_index] = np.clip(ends, -np.pi, np.pi)
+
     def drawn(generator: np.random.Generator) -> Array:
-        """Random configuration near the start: joints within their limits."""
-        step = generator.uniform(-np.pi, np.pi, reduced.n)
+        """Random configuration near the start: joints within their limits, and not at them."""
+        step = generator.uniform(low, high)
         for name in hold:
             step[reduced.robot.velocity_indices(name)] = 0.0
-        return position_limits(reduced).clip(pin.integrate(reduced.robot.model, start, step))
+        return np.asarray(pin.integrate(reduced.robot.model, start, step))
 
     def reached(begin: Array, starts: int, **given: Any) -> tuple[IkResult, Array, str]:
         """Result of inverse kinematics, its configuration as the end of an exact motion, and the problem with it."""

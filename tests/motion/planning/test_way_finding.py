@@ -19,7 +19,7 @@ from rnc_pin.model.coordinates import ConfigurationManifold
 from rnc_pin.motion.planning import WaySettings, find_way
 from rnc_pin.motion.planning.steering_detection import SampledBases
 from rnc_pin.motion.planning.way import intervals_along, motion_along
-from rnc_pin.motion.planning.way_checking import goal_configurations, way_checker
+from rnc_pin.motion.planning.way_checking import goal_configurations, position_limits, way_checker
 from rnc_pin.motion.planning.way_search import SearchBudget, WaySearch
 from rnc_pin.motion.planning.way_space import WaySpace
 from systems import ROLLERS, WHEEL, at_pose, four_bar, knife_box, mecanum, mecanum_box, tiago, with_box
@@ -119,6 +119,9 @@ def test_a_goal_of_outputs_is_reached():
     for q in (find_way(reduced, start, goal, gap(1.6, 0.1)).q[-1], *goals):
         at = rnc.NonholonomicSystem(reduced.robot, []).reduce().at(q)
         assert rows.value(at.position) == pytest.approx([4.0, 1.0], abs=1e-5)
+    limits, turned = position_limits(tiago()), {rnc.FrameYaw("base_link"): 1.0}
+    drawn = goal_configurations(turned, at_pose(tiago(), 0.0, 0.0), None, tiago(), None, 60.0, 3, (), seed=1)[1:]
+    assert ((limits.lower < drawn[:, limits.q_index]) & (drawn[:, limits.q_index] < limits.upper)).all()
 
 
 @pytest.mark.parametrize("seed", range(3))
