@@ -113,17 +113,6 @@ def kinematic_rollout(
     return Rollout(np.array(times), np.stack(path))
 
 
-def class_1_controller(task: Task, reference: TaskReference) -> control.RedundancyController:
-    """Return the kinematic controller that follows a reference by default.
-
-    Args:
-        task: primary and redundant outputs.
-        reference: desired x21 and x1.
-    """
-    gains = OUTER_GAINS["scaled"]
-    return control.RedundancyController(task, reference.primary, reference.vertical, k3=gains.k3, k21=gains.k21)
-
-
 @printed()
 @dataclass(frozen=True)
 class Margin:
@@ -410,7 +399,9 @@ def preflight(
         (0.025, 4.0)
     """
     duration = reference.duration if duration is None else duration
-    return margins_along(reduced, class_1_controller(task, reference), q0, duration, dt, task, grip)
+    gains = OUTER_GAINS["scaled"]  # of the preset that fits the inertia of any robot
+    follower = control.RedundancyController(task, reference.primary, reference.vertical, k3=gains.k3, k21=gains.k21)
+    return margins_along(reduced, follower, q0, duration, dt, task, grip)
 
 
 def margins_along(
