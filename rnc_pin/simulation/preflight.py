@@ -19,7 +19,6 @@ from rnc_pin import control
 from rnc_pin.analysis import Grip, LiftOff, NormalForces, first_lift_off
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command
-from rnc_pin.control.gain_design import OUTER_GAINS
 from rnc_pin.control.typical_inertia import AWAY_FROM_SINGULAR, gravity_loads
 from rnc_pin.errors import ConstraintError, DivergenceError, InputError, SimulationError, SingularityError, few
 from rnc_pin.math.linear_algebra import weakest_rows
@@ -399,8 +398,7 @@ def preflight(
         (0.025, 4.0)
     """
     duration = reference.duration if duration is None else duration
-    gains = OUTER_GAINS["scaled"]  # of the preset that fits the inertia of any robot
-    follower = control.RedundancyController(task, reference.primary, reference.vertical, k3=gains.k3, k21=gains.k21)
+    follower = control.RedundancyController(task, reference.primary, reference.vertical)
     return margins_along(reduced, follower, q0, duration, dt, task, grip)
 
 
