@@ -82,12 +82,13 @@ static int cascade_by(Arrays *all, PyObject *const *args)
         return -1;
     const long *ends = (const long *)x[3];
     double *kept = x[8];
+    if (!all_within(ends, levels, k + 1)) return 0;
     memset(kept, 0, (size_t)n * sizeof(double));
     for (Py_ssize_t j = 0; j < n; j++) Z[j * n + j] = 1.0;
     for (Py_ssize_t level = 0; level < levels && m; first = ends[level++]) {
         Py_ssize_t rows = ends[level] - first, stiff = 0;
         const double *J = x[0] + first * n;
-        if (rows < 0 || ends[level] > k) return 0;
+        if (rows < 0) return 0;
         for (Py_ssize_t j = 0; j < m; j++) stiff = stiffness[j] > 0.0 ? m : stiff;
         Level of = {m, rows + stiff, rows, A, rate, amounts, squares, x[4][level], x[2] + first};
         double norm = 0.0, added = 0.0, speed = 0.0, size = fmax(sqrt(dot(J, J, rows * n)), 1e-100);
