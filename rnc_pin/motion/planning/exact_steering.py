@@ -34,7 +34,7 @@ from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.motion.planning.action_models import KinematicFlow
 from rnc_pin.motion.planning.shortest_paths import Word, reeds_shepp_words
-from rnc_pin.robots.joint_values import NO_LIMIT
+from rnc_pin.robots.joint_values import NO_LIMIT, SingleJoint
 
 _STEEPEST = np.deg2rad(80.0)  # largest steering angle of a joint without limits
 _GRID = 161  # steering angles at which the curvature is evaluated
@@ -275,9 +275,9 @@ class CarSteering(_AxleSteering):
         super().__init__(reduced, planned, row)
         model = reduced.robot.model
         self._q0, self._turn = q0, np.eye(reduced.n)[joint]
-        self._entry = next(int(each.idx_q) for each in list(model.joints)[1:] if each.idx_v == joint)
-        low, high = model.lowerPositionLimit[self._entry], model.upperPositionLimit[self._entry]
-        unlimited = not low < high or max(-low, high) > NO_LIMIT
+        self._joint = SingleJoint.of(next(each for each in list(model.joints)[1:] if each.idx_v == joint))
+        low, high = (each[self._joint.idx_q] for each in (model.lowerPositionLimit, model.upperPositionLimit))
+        unlimited = self._joint.continuous or not low < high or max(-low, high) > NO_LIMIT
         free = room * (high - low)
         angles = np.linspace(*((-_STEEPEST, _STEEPEST) if unlimited else (low + free, high - free)), _GRID)
         curvatures = np.array([self._curvature(angle) for angle in angles])
@@ -303,13 +303,13 @@ class CarSteering(_AxleSteering):
 
     def prepared(self, q: Float[Array, " nq"]) -> Float[Array, " nq"]:
         found = np.array(q)
-        found[self._entry] = self._angles[0]
+        self._joint.put(found, self._angles[0])
         return found
 
     def _curvature(self, angle: float) -> float:
         """Curvature of the axle's path [1/m]; NaN where rows are singular, limits exceeded or nothing moves."""
         q, led = self._q0.copy(), self.couplings.positions
-        q[self._entry] = angle
+        self._joint.put(q, angle)
         q, model = self.couplings.applied(q), self.reduced.robot.model
         low, high = model.lowerPositionLimit[led], model.upperPositionLimit[led]
         try:
@@ -340,14 +340,14 @@ class CarSteering(_AxleSteering):
         """Displacements along a path, the car stands where it steers."""
         joints = self.joints(start, goal)
         joints[self._turn > 0.0] = 0.0
-        angle, pieces, steering = start[self._entry], [], []
+        angle, pieces, steering = float(self._joint.position(start)), [], []
         for side, length in word:
             if abs(length) < _SHORT:
                 continue
             steering.append((self._angles[side] - angle) * self._turn)
             angle, along = self._angles[side], length * self.radius
             pieces.append(self.driven(along, self._driven[side] * along))
-        end = (goal[self._entry] - angle) * self._turn
+        end = (float(self._joint.position(goal)) - angle) * self._turn
         if not pieces:
             return (joints + end)[None]
         moved = _shared(pieces, joints)
