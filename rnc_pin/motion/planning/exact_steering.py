@@ -303,13 +303,13 @@ class CarSteering(_AxleSteering):
 
     def prepared(self, q: Float[Array, " nq"]) -> Float[Array, " nq"]:
         found = np.array(q)
-        self._joint.put(found, self._angles[0])
+        self._joint.put(found, np.asarray(self._angles[0]))
         return found
 
     def _curvature(self, angle: float) -> float:
         """Curvature of the axle's path [1/m]; NaN where rows are singular, limits exceeded or nothing moves."""
         q, led = self._q0.copy(), self.couplings.positions
-        self._joint.put(q, angle)
+        self._joint.put(q, np.asarray(angle))
         q, model = self.couplings.applied(q), self.reduced.robot.model
         low, high = model.lowerPositionLimit[led], model.upperPositionLimit[led]
         try:
