@@ -180,23 +180,21 @@ static void add_costates(Py_ssize_t N, Py_ssize_t nx, Py_ssize_t m, const double
         add_transposed_product(P + k * nx * nx, states + k * nx * m, p + k * nx * m, nx, nx, m);
 }
 
-/* Variances of rows C x + D u (N + 1, k) and of states (N + 1, nx), for inputs that are independent and have variances
-   of one in AB (N, nx, nz), and scales in D */
+/* Variances of rows C x + D u (N + 1, k), for inputs that are independent and have variances of one in AB (N, nx, nz),
+   and scales in D */
 WIDE static void spread_stages(Py_ssize_t N, Py_ssize_t nx, Py_ssize_t nz, Py_ssize_t k, const double *AB,
-                               const double *C, const double *D, const double *scales, double *rows, double *states,
-                               double *work)
+                               const double *C, const double *D, const double *scales, double *rows, double *work)
 {
     Py_ssize_t nu = nz - nx;
     double *P = work, *PA = P + nx * nx, *turned = PA + nx * nx;
     memset(P, 0, (size_t)(nx * nx) * sizeof(double));
-    for (Py_ssize_t stage = 0; stage <= N; stage++, AB += nx * nz, states += nx) {
+    for (Py_ssize_t stage = 0; stage <= N; stage++, AB += nx * nz) {
         for (Py_ssize_t i = 0; i < k; i++, C += nx, D += nu, rows++) {
             *rows = 0;
             for (Py_ssize_t j = 0; j < nx; j++)
                 if (C[j] != 0) *rows += C[j] * dot(P + j * nx, C, nx);
             for (Py_ssize_t j = 0; j < nu && stage < N; j++) *rows += D[j] * scales[j] * (D[j] * scales[j]);
         }
-        for (Py_ssize_t j = 0; j < nx; j++) states[j] = P[j * nx + j];
         if (stage == N) return;
         for (Py_ssize_t i = 0; i < nx; i++)
             for (Py_ssize_t j = 0; j < nz; j++) turned[j * nx + i] = AB[i * nz + j];
@@ -210,21 +208,20 @@ WIDE static void spread_stages(Py_ssize_t N, Py_ssize_t nx, Py_ssize_t nz, Py_ss
     }
 }
 
-/* N, nx, nz, k, AB (N, nx, nz), C (N + 1, k, nx), D (N + 1, k, nu), scales (nu); variances of rows (N + 1, k) and of
-   states (N + 1, nx) */
+/* N, nx, nz, k, AB (N, nx, nz), C (N + 1, k, nx), D (N + 1, k, nu), scales (nu); variances of rows (N + 1, k) */
 static int variances_by(Arrays *all, PyObject *const *args)
 {
     Py_ssize_t counts[4];
-    double *x[6], *work;
+    double *x[5], *work;
     if (!stages(args, counts, 4)) return -1;
     Py_ssize_t N = counts[0], nx = counts[1], nz = counts[2], nu = nz - nx, k = counts[3];
-    Py_ssize_t sizes[] = {N * nx * nz, (N + 1) * k * nx, (N + 1) * k * nu, nu, (N + 1) * k, (N + 1) * nx};
-    if (!take_sized(all, args + 4, sizes, 6, 2, x) || !allocate(&all->memory, &work, 2 * nx * nx + nx * nz, NULL))
+    Py_ssize_t sizes[] = {N * nx * nz, (N + 1) * k * nx, (N + 1) * k * nu, nu, (N + 1) * k};
+    if (!take_sized(all, args + 4, sizes, 5, 1, x) || !allocate(&all->memory, &work, 2 * nx * nx + nx * nz, NULL))
         return -1;
-    spread_stages(N, nx, nz, k, x[0], x[1], x[2], x[3], x[4], x[5], work);
+    spread_stages(N, nx, nz, k, x[0], x[1], x[2], x[3], x[4], work);
     return 1;
 }
-FUNCTION(variances, 10)
+FUNCTION(variances, 9)
 
 /* N, nx, nz, AB (N, nx, nz), H (N, nz, nz), P (N + 1, nx, nx) with the last Hessian at its end, K (N, nu, nx), inverse
    (N, nu, nu). False if the problem is not convex. */

@@ -151,7 +151,9 @@ def no_gains(
     # The cause is told where it is worst.
     place = int(np.argmin(values) if singular else np.argmax(inertia.eigenvalues[:, -1]))
     time, rows = None if times is None else float(times[place]), at.dependent_rows(place)
-    where, period = _place(time, at.q[place]), _longest_period(inertia, slowest, delay)
+    # The longest sampling period with gains [s]; 0 if the delay alone excludes them.
+    where, rate = _place(time, at.q[place]), slowest * float(inertia.eigenvalues.max() / inertia.eigenvalues.min())
+    period = max(0.0, min(MAX_RATE_TIMES_PERIOD / rate, 2.0 * (MAX_RATE_TIMES_DELAY / rate - delay)))
     if singular:
         cause = (
             f"the outputs are nearly singular{where}: rows {few(rows, 4)} are almost dependent, smallest singular "
@@ -168,12 +170,6 @@ def no_gains(
     error = InfeasibleError(f"no velocity gains suit this region: {cause}{_sampling(period)}")
     error.q, error.time, error.rows, error.singular_value = at.q[place].copy(), time, rows, float(values[place])
     return error
-
-
-def _longest_period(inertia: TypicalInertia, slowest: float, delay: float) -> float:
-    """Longest sampling period with gains [s]; 0 if the delay alone excludes them."""
-    rate = slowest * float(inertia.eigenvalues.max() / inertia.eigenvalues.min())
-    return max(0.0, min(MAX_RATE_TIMES_PERIOD / rate, 2.0 * (MAX_RATE_TIMES_DELAY / rate - delay)))
 
 
 def _sampling(period: float) -> str:

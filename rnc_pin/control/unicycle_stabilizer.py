@@ -150,7 +150,8 @@ class UnicycleStabilizer(DescribedMixin):
         wake_factor = 2.0  # times the tolerance: hysteresis, so that noise at the tolerance starts no motion
         if state.resting and off < wake_factor * self.tolerance:
             return state
-        forth, back = (self._angle_cost(self._polar_pose(pose, way)) for way in (False, True))
+        ways = [self._polar_pose(pose, way) for way in (False, True)]
+        forth, back = (each.alpha**2 + self._h * each.theta**2 for each in ways)  # angle terms of 2 V
         if np.isnan(state.since) or state.resting:
             return DrivingState(t, False, back < forth)
         now, other = (back, forth) if state.backwards else (forth, back)
@@ -165,10 +166,6 @@ class UnicycleStabilizer(DescribedMixin):
             return _PolarPose(0.0, -heading, 0.0)
         bearing, about = np.arctan2(-y, -x), np.pi if backwards else 0.0
         return _PolarPose(e, float(wrapped(bearing - heading - about)), float(wrapped(bearing - about)))
-
-    def _angle_cost(self, polar: _PolarPose) -> float:
-        """Angle terms of 2 V."""
-        return polar.alpha**2 + self._h * polar.theta**2
 
     def _law(self, polar: _PolarPose, v2: np.ndarray, backwards: bool) -> tuple[np.ndarray, np.ndarray]:
         """Inputs (v, w) of the law, and their rates while the vehicle moves at v2."""

@@ -31,7 +31,7 @@ def test_the_compiled_motion_is_that_of_the_steps(name, form, monkeypatch):
     reduced, generator = getattr(systems, name)(), np.random.default_rng(2)
     if form == "dynamic" and not reduced.p:
         pytest.skip("no actuators")
-    model = action_model(reduced, form)
+    (model := action_model(reduced, form)).parts = 1
     ((q, v2),) = random_states(reduced, 1)
     start, u = (q, v2[: model.nw]), 0.1 * generator.normal(size=(3, model.nu))
     if reduced.evaluator.kernel is None:

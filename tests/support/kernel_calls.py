@@ -179,7 +179,7 @@ def sizes_of_rows():
     C[:, 0], D[:, 1] = 0.0, 0.0
     H, end, limit = np.tile(np.diag([1.0] * 5 + [0.3, 2.0, 0.0]), (N, 1, 1)), np.eye(nx), np.ones((N + 1, k))
     linear = LinearQuadratic(0.4 * A, B, A[:, 0], H, H[:, 0], end, end[0], C, D, -limit, limit)
-    return list(linear.typical_sizes)
+    return [linear.typical_sizes]
 
 
 CALLS = {

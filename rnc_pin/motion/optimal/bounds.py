@@ -317,7 +317,8 @@ class GoalRows(NodeBound):
             parts = [node_data.displacement_rows(self.configuration, nodes, derivatives)]
         if self._rest:
             parts.append(node_data.velocity_rows(nodes, derivatives))
-        value, x, _ = node_data.stacked(parts, nodes.size, model.nx, model.nu)
+        pairs = [(each.value, each.full(model.nx, 0)[0]) for each in parts]
+        value, x = (np.concatenate(each, axis=1) for each in zip(*pairs, strict=True))
         return node_data.RowValues(value, x if derivatives else None)
 
 

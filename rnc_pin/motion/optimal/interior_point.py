@@ -38,6 +38,8 @@ class LinearQuadratic:
     lower: Float[Array, "N1 k"]
     upper: Float[Array, "N1 k"]
     """Rows ``lower <= C x + D u <= upper`` of every stage and of the end, where ``D`` is zero."""
+    holding: Float[Array, "N nu nx"] | None = None
+    """Inputs by which deviations of the state change no velocity; none by default."""
 
     @cached_property
     def input_scales(self) -> Float[Array, " nu"]:
@@ -62,35 +64,42 @@ class LinearQuadratic:
         return np.concatenate([self.A, self.B * self.input_scales], axis=2)
 
     def scaled_hessian(self, damping: float) -> Float[Array, "N nz nz"]:
-        """H for scaled inputs, with an addition to their weights."""
+        """H for scaled inputs, with an addition to their weights: of what they add to those that hold velocities."""
         nx, nz = self.A.shape[1], len(self.scales)
         H = self.H * np.outer(self.scales, self.scales)
-        H[:, range(nx, nz), range(nx, nz)] += damping
+        if self.holding is None:
+            H[:, range(nx, nz), range(nx, nz)] += damping
+        else:
+            apart = np.tile(np.eye(nz), (len(H), 1, 1))[:, nx:]
+            apart[:, :, :nx] = -self.holding / self.input_scales[:, None]
+            H += damping * (apart.mT @ apart)
         return np.asarray(H)
 
     @cached_property
-    def typical_sizes(self) -> tuple[Float[Array, "N1 k"], Float[Array, "N1 nx"]]:
-        """Typical sizes of the rows of each stage, and of the states.
+    def typical_sizes(self) -> Float[Array, "N1 k"]:
+        """Typical sizes of the rows of each stage.
 
-        They are standard deviations under random inputs of the size of their scales, independent from stage to stage.
+        They are standard deviations under random inputs of the size of their scales, independent from stage to stage,
+        which add to the inputs that hold velocities: others make the sizes of an unstable motion huge.
         """
-        rows, states = (np.sqrt(np.maximum(each, 0.0)) for each in self._variances())  # rounding may go below zero
-        return np.maximum(rows, max(1e-4 * float(rows.max(initial=0.0)), _LEAST)), states
+        rows = np.sqrt(np.maximum(self._variances(), 0.0))  # rounding may go below zero
+        return np.asarray(np.maximum(rows, max(1e-4 * float(rows.max(initial=0.0)), _LEAST)))
 
-    def _variances(self) -> tuple[Float[Array, "N1 k"], Float[Array, "N1 nx"]]:
+    def _variances(self) -> Float[Array, "N1 k"]:
         """Squares of the typical sizes."""
         AB, scales, (N, nx, nu), k = self.scaled_dynamics, self.input_scales, self.B.shape, self.C.shape[1]
-        rows, states = np.empty((N + 1, k)), np.empty((N + 1, nx))
-        given = np.ascontiguousarray(self.C), np.ascontiguousarray(self.D)
-        if _kernel.library.variances(N, nx, nx + nu, k, AB, *given, scales, rows, states):
-            return rows, states
-        noise = AB[:, :, nx:]
+        if self.holding is not None:
+            AB = np.concatenate([self.A + self.B @ self.holding, AB[:, :, nx:]], axis=2)
+        rows, given = np.empty((N + 1, k)), (np.ascontiguousarray(self.C), np.ascontiguousarray(self.D))
+        if _kernel.library.variances(N, nx, nx + nu, k, AB, *given, scales, rows):
+            return rows
+        A, noise = AB[:, :, :nx], AB[:, :, nx:]
         P = np.concatenate([np.zeros_like(self.A[:1]), noise @ noise.mT])
-        for before, A, after in zip(P, self.A, P[1:], strict=False):
-            after += A @ before @ A.T
+        for before, by, after in zip(P, A, P[1:], strict=False):
+            after += by @ before @ by.T
         square = ((self.C @ P) * self.C).sum(axis=2)
         square[:-1] += ((self.D[:-1] * scales) ** 2).sum(axis=2)
-        return square, np.einsum("nii->ni", P)
+        return np.asarray(square)
 
 
 class RiccatiFactors:
@@ -307,7 +316,7 @@ def _scaled(problem: LinearQuadratic, H: Array, g: Array) -> tuple[_Scaled, Arra
 
     Rows that have a limit come first in each node, and no more of the others than needed.
     """
-    k, (rows, _), tied = problem.lower.shape[1], problem.typical_sizes, problem.lower == problem.upper
+    k, rows, tied = problem.lower.shape[1], problem.typical_sizes, problem.lower == problem.upper
     limit = np.concatenate([problem.upper / rows, -problem.lower / rows], axis=1)
     active = np.isfinite(limit)
     most = int(active.sum(axis=1).max(initial=0))
@@ -324,7 +333,7 @@ def _scaled(problem: LinearQuadratic, H: Array, g: Array) -> tuple[_Scaled, Arra
 
 def _without_bounds(problem: LinearQuadratic, H: Array, g: Array, weight: float) -> tuple[Array, Array, int] | None:
     """Solution under the equations at the end alone; None if it violates a bound or needs a larger multiplier."""
-    AB, (sizes, _) = problem.scaled_dynamics, problem.typical_sizes
+    AB, sizes = problem.scaled_dynamics, problem.typical_sizes
     N, nx, nz = AB.shape
     lower, upper = problem.lower / sizes, problem.upper / sizes
     rows = np.flatnonzero(lower[-1] == upper[-1])

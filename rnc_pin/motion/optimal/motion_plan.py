@@ -19,6 +19,11 @@ from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin, described,
 from rnc_pin.references.kinds import PiecewisePolynomial
 from rnc_pin.verdict import Finding, Verdict
 
+_QUINTIC = np.vstack(
+    [[[-6, 6, -3, -3, -0.5, 0.5], [15, -15, 8, 7, 1.5, -1], [-10, 10, -6, -4, -1.5, 0.5]], np.eye(6)[[4, 2, 0]]]
+)
+_QUINTIC[3] /= 2
+"""Coefficients in powers of the fraction of an interval, highest first, by values, rates and accelerations at ends."""
 _ARRAYS = ("time", "q", "w", "u", "K", "position", "velocity", "acceleration")
 
 
@@ -125,20 +130,10 @@ class PlannedOutputs(PiecewisePolynomial):
     """
 
     def __init__(self, time: Array, position: Array, velocity: Array, acceleration: Array) -> None:
-        h = np.diff(time)[:, None]
-        a, b = (position[:, k] for k in (0, 1))
-        va, vb = (h * velocity[:, k] for k in (0, 1))
-        aa, ab = (h**2 * acceleration[:, k] for k in (0, 1))
-        # Coefficients of the quintic in powers of the fraction of the interval, highest first.
-        quintic = [
-            6 * (b - a) - 3 * va - 3 * vb - 0.5 * aa + 0.5 * ab,
-            -15 * (b - a) + 8 * va + 7 * vb + 1.5 * aa - ab,
-            10 * (b - a) - 6 * va - 4 * vb - 1.5 * aa + 0.5 * ab,
-            aa / 2,
-            va,
-            a,
-        ]
-        coefficients = np.stack([each / h ** (5 - k) for k, each in enumerate(quintic)])
+        h = np.diff(time)[:, None, None]
+        ends = np.concatenate([position, h * velocity, h**2 * acceleration], axis=1)
+        quintic = np.einsum("ij,kjm->ikm", _QUINTIC, ends)
+        coefficients = quintic / h[:, 0] ** np.arange(5, -1, -1)[:, None, None]
         super().__init__(coefficients, time, float(time[0]), float(time[-1]))
 
 

@@ -74,14 +74,6 @@ class RowValues:
         return (np.zeros((n, k, nx)) if self.x is None else self.x, np.zeros((n, k, nu)) if self.u is None else self.u)
 
 
-def stacked(rows: list[RowValues], n: int, nx: int, nu: int) -> tuple[Array, Array, Array]:
-    """Concatenate rows: values (n, k) and derivatives (n, k, nx), (n, k, nu)."""
-    if not rows:
-        return np.empty((n, 0)), np.empty((n, 0, nx)), np.empty((n, 0, nu))
-    x, u = zip(*(each.full(nx, nu) for each in rows), strict=True)
-    return np.concatenate([each.value for each in rows], axis=1), np.concatenate(x, 1), np.concatenate(u, 1)
-
-
 NodeFunction = Callable[[NodeData, bool], RowValues]
 """Function of nodes that returns rows; the flag tells whether their derivatives are needed."""
 

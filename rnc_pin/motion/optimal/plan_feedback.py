@@ -25,6 +25,7 @@ from rnc_pin.motion.optimal.interior_point import RiccatiFactors
 from rnc_pin.motion.optimal.motion_plan import MotionPlan
 from rnc_pin.motion.planning.action_models import ActionModel, Form, KinematicModel, Nodes, action_model
 from rnc_pin.printing import ReprMixin
+from rnc_pin.references.reference import ReferencePoint
 
 _AT_REST = 1e-3  # part of an interval: a plan that brakes in less time ends at rest
 _APPROACH = 50.0  # rate of the motion that ends at a bound [1/s], if samples are shorter than 10 ms
@@ -183,12 +184,16 @@ class PlanFeedback(ReprMixin):
         names = (*reduced.reducing.names, *reduced.vertical.names)
         inputs, kinematic = plan.info.input_names, self._model.form == "kinematic"
         known = {"output": names, "velocity": inputs if kinematic else reduced.reducing.names, "input": inputs}
-        self._sides: dict[str, list[tuple[int, Array]]] = {quantity: [] for quantity in known}
-        for quantity, name, *sides in plan.info.bounds:
-            if name in known[quantity]:
-                self._sides[quantity].append((known[quantity].index(name), np.array(sides)))
-        self.weights = _FREQUENCY if K is None and weights is None else weights
         self._outputs = plan.reference() if plan.info.output_names == names else None
+        self._sides: dict[str, list[tuple[int, Array, float]]] = {quantity: [] for quantity in known}
+        for quantity, name, low, high in plan.info.bounds:
+            if name in known[quantity]:
+                k, room = known[quantity].index(name), 0.0
+                if quantity != "input" and self._outputs is not None:
+                    values = (plan.position if quantity == "output" else plan.velocity)[..., k]
+                    room = min(float(values.min()) - low, high - float(values.max())) / 2.0
+                self._sides[quantity].append((k, np.array([low, high]), room))
+        self.weights = _FREQUENCY if K is None and weights is None else weights
 
     def describe(self) -> Description:
         """Return the form, the duration and the outcome of the plan, and the largest size of each gain."""
@@ -208,11 +213,11 @@ class PlanFeedback(ReprMixin):
             feedforward = np.diff(ends) @ self.plan.u / dt + (1.0 - ends[-1] / dt) * self._after.at(0.0)[1]
         moved = pin.difference(self._reduced.robot.model, planned.q[0], q)
         u = feedforward + K @ (np.concatenate([moved, v2 - planned.w[0]]) if model.nw else moved)
-        u = self._bounded(u, q, v2, dt)
-        v2_desired = model.velocity(planned, feedforward[None])[0]
         over = t - self.plan.duration > 0 and self._after.duration > 0  # the plan has no outputs after its end
-        known = None if over or self._outputs is None else self._outputs.at(t).position  # those of another model
-        x2, x1 = (None, None) if known is None else np.split(known, [model.r])
+        known = None if over or self._outputs is None else self._outputs.at(t)  # those of another model
+        u = self._bounded(u, feedforward, q, v2, dt, known)
+        v2_desired = model.velocity(planned, feedforward[None])[0]
+        x2, x1 = (None, None) if known is None else np.split(known.position, [model.r])
         if model.form == "dynamic":
             return Command(None, u, v2_desired, x1, x2), t
         rate = u if model.form == "acceleration" else self.bandwidth * (u - v2)
@@ -222,8 +227,12 @@ class PlanFeedback(ReprMixin):
         F = self._reduced.evaluator.inverse_dynamics(middle.q[0], middle.w[0], rate, t + dt / 2)
         return Command(F, None, v2_desired, x1, x2), t
 
-    def _bounded(self, u: Array, q: Array, v2: Array, dt: float) -> Array:
-        """Input within its bounds, by which outputs and velocities stay within theirs as far as inputs allow."""
+    def _bounded(self, u: Array, planned: Array, q: Array, v2: Array, dt: float, plan: ReferencePoint | None) -> Array:
+        """Input within its bounds, by which outputs and velocities stay within theirs as far as inputs allow.
+
+        They approach a bound no faster than a critically damped motion ends there. If they are ahead of the plan by
+        less than half of the room that it leaves, they may also approach the plan.
+        """
         model, rate = self._model, _APPROACH if self._model.nw else self.bandwidth / 4.0
         rate = min(rate, 0.5 / dt) if dt > 0 else rate
         outputs, speeds, inputs = self._sides.values()
@@ -231,18 +240,30 @@ class PlanFeedback(ReprMixin):
             at, zero = self._reduced.at(q, v2), np.zeros(model.r)
             x1, x2 = at.outputs()
             rows, x, rates = np.vstack([np.eye(model.r), at.A_star]), np.r_[x2, x1], np.r_[v2, at.v1]
-            wanted, free = [(k, rate * (sides - x[k])) for k, sides in outputs], rates - rows @ v2
-            if model.form != "kinematic":
-                wanted = [(k, rate * (room - 2.0 * rates[k])) for k, room in wanted]
-                wanted += [(k, rate * (sides - v2[k])) for k, sides in speeds]
+            if model.form == "kinematic":
+                free = rates - rows @ v2
+                values = [(outputs, rate, x, plan and plan.position)]
+            else:
                 free = np.r_[zero, at.J1 @ at.v_dot(zero) + at.J1_dot @ at.v]
+                ends = plan and plan.position + 2.0 / rate * plan.velocity
+                values = [(outputs, rate**2, x + 2.0 / rate * rates, ends)]
+                values += [(speeds, rate, rates, plan and plan.velocity)]
             if model.form == "dynamic":
                 rows, passive = (rows @ each for each in at.input_accelerations)
                 free += passive
-            for k, sides in wanted * _SWEEPS:
+            wanted = list[tuple[int, Array]]()
+            for limited, gain, value, aim in values:
+                for k, sides, room in limited:
+                    change = gain * (sides - value[k])
+                    if aim is not None:
+                        ahead = value[k] - aim[k]
+                        near, own = np.array([-ahead, ahead]) <= room, rows[k] @ planned + free[k] - gain * ahead
+                        change = np.where(near, [min(change[0], own), max(change[1], own)], change)
+                    wanted.append((k, change - free[k]))
+            for k, interval in wanted * _SWEEPS:
                 now = rows[k] @ u
-                u = u + rows[k] * ((np.clip(now, *(sides - free[k])) - now) / max(rows[k] @ rows[k], _ROUNDING))
-        for k, sides in inputs + (speeds if model.form == "kinematic" else []):
+                u = u + rows[k] * ((np.clip(now, *interval) - now) / max(rows[k] @ rows[k], _ROUNDING))
+        for k, sides, _ in inputs + (speeds if model.form == "kinematic" else []):
             u[k] = np.clip(u[k], *sides)
         return u
 
@@ -262,8 +283,7 @@ class PlanFeedback(ReprMixin):
         plan = self.plan
         if t >= plan.duration:
             return *self._after.at(t - plan.duration), self._at_rest
-        k = min(max(int(np.searchsorted(plan.time, t, side="right")) - 1, 0), len(plan.u) - 1)
-        at = self._model.after(Nodes(plan.q, plan.w), plan.u, k, max(0.0, t - plan.time[k]))
+        at, k = self._model.during(Nodes(plan.q, plan.w), plan.u, plan.duration / len(plan.u), t)
         return at, plan.u[k], self.K[k]
 
 

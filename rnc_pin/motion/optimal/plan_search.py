@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
 from typing import NamedTuple, TypeGuard
@@ -18,7 +18,7 @@ from rnc_pin.motion.optimal.bounds import DISTANCE
 from rnc_pin.motion.optimal.guesses import GIVEN, resampled
 from rnc_pin.motion.optimal.motion_plan import Integration, MotionPlan, PlanInfo, PlanVerification
 from rnc_pin.motion.optimal.plan_feedback import gains_for
-from rnc_pin.motion.optimal.sequential_quadratic import Candidate, GuessSolver, LimitSolver, Solution, SolverSettings
+from rnc_pin.motion.optimal.sequential_quadratic import GuessSolver, LimitSolver, Solution, SolverSettings
 from rnc_pin.motion.optimal.transcription import Iterate, Transcription
 from rnc_pin.motion.optimal.verification import Excess, excess_text, plan_findings, verify_inputs
 from rnc_pin.motion.planning.action_models import ActionModel, Nodes
@@ -100,7 +100,7 @@ class _Made(NamedTuple):
     """Plan with its solution, and the rows that it exceeds after verification, largest first."""
 
     plan: MotionPlan
-    candidate: Candidate
+    solution: Solution
     excesses: tuple[Excess, ...]
 
 
@@ -122,9 +122,9 @@ class PlanSearch:
         self, problem: Transcription, settings: SolverSettings, gains: Gains | None, effort: SearchEffort
     ) -> None:
         self._problem, self._settings, self._gains, self._effort = problem, settings, gains, effort
-        self._narrow = problem.changed(margins=np.full(problem.K + 1, -settings.accuracy))
+        self._narrow = problem.changed(margins={DISTANCE: np.full(problem.K + 1, -settings.accuracy)})
         self._tried = self._solved = 0
-        self._failed: list[Candidate] = []
+        self._failed: list[Solution] = []
         self._rejected: list[_Made] = []
         self._vain: list[Iterate] = []  # solutions of guesses whose improvements were rejected
         self._left, self._spent = 0.0, False
@@ -144,8 +144,8 @@ class PlanSearch:
         solver = GuessSolver(self._narrow, self._settings)
         return self._cheapest(solver.solution(*start) for start in chain([first], further))
 
-    def _cheapest(self, found: Iterator[Candidate | RncError]) -> MotionPlan:
-        pool: list[Candidate] = []
+    def _cheapest(self, found: Iterator[Solution | RncError]) -> MotionPlan:
+        pool: list[Solution] = []
         effort = self._effort
         needed = effort.solutions
         while True:
@@ -160,21 +160,21 @@ class PlanSearch:
             if not pool:
                 raise self._refusal()
             # Of solutions that cost the same, the first is taken: rounding does not decide.
-            costs = [each.solution.cost for each in pool]
+            costs = [each.cost for each in pool]
             most = min(costs) + self._settings.cost_tolerance * abs(min(costs))
             best = pool.pop(next(k for k, cost in enumerate(costs) if cost <= most))
             needed += 1
-            if any(self._same(best.solution.iterate, each) for each in self._vain):
+            if any(self._same(best.iterate, each) for each in self._vain):
                 continue
             made = self._refined(best)
             if _confirmed(made):
                 return made.plan
             self._rejected.append(made)
-            self._vain.append(best.solution.iterate)
-            if best.name == GIVEN:
+            self._vain.append(best.iterate)
+            if best.guess == GIVEN:
                 pool += self._unimproved()
 
-    def _unimproved(self) -> list[Candidate]:
+    def _unimproved(self) -> list[Solution]:
         """The given guess itself, if it keeps all rows and was not taken before: no solution is better than it."""
         given, self._given = self._given, None
         if given is None:
@@ -189,7 +189,7 @@ class PlanSearch:
         if violation.amount > self._settings.accuracy:
             return []
         self._solved += 1
-        return [Candidate(f"{GIVEN}, as it is", Solution(at, values.cost, violation, 0, "feasible"))]
+        return [Solution(at, values.cost, violation, 0, "feasible", guess=f"{GIVEN}, as it is")]
 
     def _same(self, one: Iterate, other: Iterate) -> bool:
         """True if two motions over equal intervals are the same, within a part of the accuracy."""
@@ -197,60 +197,80 @@ class PlanSearch:
         largest = max(float(np.abs(apart).max()), abs(one.duration - other.duration))
         return largest < max(_SAME * self._settings.accuracy, self._settings.tolerance)
 
-    def _is_solution(self, candidate: Candidate | RncError) -> TypeGuard[Candidate]:
+    def _is_solution(self, candidate: Solution | RncError) -> TypeGuard[Solution]:
         """True if a guess led to a motion within tolerance; others are counted, and kept for the refusal."""
         self._tried += 1
         if isinstance(candidate, RncError):
             if self._effort.alone:
                 raise InfeasibleError(f"no plan: the guess cannot be evaluated: {candidate}") from None
             return False
-        if candidate.solution.outcome == "infeasible":
+        if candidate.outcome == "infeasible":
             self._failed.append(candidate)
             return False
         self._solved += 1
         return True
 
-    def _refined(self, candidate: Candidate) -> _Made:
+    def _refined(self, solution: Solution) -> _Made:
         """Plan of a solution, improved until its verification confirms it.
 
         The intervals are halved until the inputs alone keep everything within the accuracy, too. If halving them no
         longer helps without feedback, but the motion with feedback is confirmed, the motion is unstable. At first,
         distances are as much larger as the accuracy, where there is room; at last, the nodes next to places that come
-        too near to something keep a larger distance.
+        too near to something keep a larger distance. Velocities and outputs that pass their limits between nodes, by
+        about the square of the length of the intervals, have narrower limits at once.
         """
-        settings, problem, solved = self._settings, self._problem, candidate.solution
-        self._left, before, at = _REFINED * settings.iterations, np.inf, solved.iterate
-        lacking = solved.iterations and problem.worst(problem.values(at), at.duration).amount > settings.tolerance
-        made = self._improved(problem, candidate) if lacking else None
+        settings, problem = self._settings, self._problem
+        self._left, before, at = _REFINED * settings.iterations, np.inf, solution.iterate
+        lacking = solution.iterations and problem.worst(problem.values(at), at.duration).amount > settings.tolerance
+        made = self._improved(problem, solution) if lacking else None
         problem = self._narrow if lacking and made is None else problem
-        best = made = made or self._completed(problem, candidate)
+        best = made = made or self._completed(problem, solution)
         for _ in range(settings.refinements):
             alone = made.plan.info.verification.inputs.violation
             if alone <= settings.accuracy or (_confirmed(made) and alone > before / _HELPS):
                 break
             K, before = 2 * problem.K, alone
-            problem = problem.changed(K=K, margins=np.full(K + 1, problem.margins[1]))
-            after = self._improved(problem, made.candidate)
+            margins = problem.margins | self._margins(problem, made, ("velocity", "output"), 0.25)
+            finer = problem.changed(K=K, margins={name: np.full(K + 1, each[1]) for name, each in margins.items()})
+            after = self._improved(finer, made.solution)
             if after is None:
-                return best
-            made = after
+                break
+            problem, made = finer, after
             best = min(best, made, key=_violation)
         for _ in range(_TIGHTENED):
-            margins = None if _confirmed(made) else _margins(problem, made, settings.accuracy)
-            if margins is None:
+            beyond = [each.quantity for each in made.excesses if each.amount > settings.accuracy]
+            if not beyond or set(beyond) - {DISTANCE, "velocity", "output"}:
                 break
-            problem = problem.changed(margins=margins)
-            after = self._improved(problem, made.candidate)
+            problem = problem.changed(margins=problem.margins | self._margins(problem, made, beyond, 1.0))
+            after = self._improved(problem, made.solution)
             if after is None:
                 break
             made = after
             best = min(best, made, key=_violation)
         return best
 
-    def _improved(self, problem: Transcription, candidate: Candidate) -> _Made | None:
+    def _margins(self, problem: Transcription, made: _Made, kinds: Sequence[str], share: float) -> dict[str, Array]:
+        """Margins of rows that are violated by more than the accuracy, for a share of the violation.
+
+        Distances have margins next to places that come too near, other rows at all nodes. The goal keeps its place, so
+        that the last node has none.
+        """
+        margins, h = dict[str, Array](), made.plan.duration / problem.K
+        for each in made.excesses:
+            if each.quantity not in kinds or share * each.amount <= self._settings.accuracy:
+                continue
+            name, near = each.title, slice(0, problem.K)
+            if each.quantity == DISTANCE:
+                k = min(int(each.time / h), problem.K - 1)
+                name, near = DISTANCE, slice(k, min(k + 2, problem.K))
+            before = problem.margins.get(name, np.zeros(problem.K + 1))
+            margins[name] = now = margins.get(name, before).copy()
+            now[near] = np.maximum(now[near], before[near] + share * each.amount)
+        return margins
+
+    def _improved(self, problem: Transcription, solution: Solution) -> _Made | None:
         """Plan of a similar problem, solved from another solution; None if this fails, or no iterations are left."""
-        name, before = candidate
-        start = before.iterate
+        start = solution.iterate
         finer = problem.K / self._problem.K
         most = min(int(self._left / finer), self._settings.iterations)
         if most < 1:
@@ -259,19 +279,18 @@ class PlanSearch:
         if len(start.u) != problem.K:
             start = resampled(problem.model, start, problem.K)
         try:
-            found = LimitSolver(problem, replace(self._settings, iterations=most)).solve(start)
+            found = LimitSolver(problem, replace(self._settings, iterations=most)).solve(start, solution.weight)
         except RncError:
             return None
         self._left -= finer * found.iterations
         if found.outcome == "infeasible":
             self._spent |= found.iterations >= most
             return None
-        found.iterations += before.iterations
-        return self._completed(problem, Candidate(name, found))
+        total = found.iterations + solution.iterations
+        return self._completed(problem, replace(found, iterations=total, guess=solution.guess))
 
-    def _completed(self, problem: Transcription, candidate: Candidate) -> _Made:
+    def _completed(self, problem: Transcription, found: Solution) -> _Made:
         """Plan of a solution with its verification."""
-        name, found = candidate
         at, model, settings = found.iterate, problem.model, self._settings
         position, velocity, acceleration = output_nodes(model, at)
         reduced = model.reduced
@@ -288,7 +307,7 @@ class PlanSearch:
             violation=found.violation.amount,
             violated=found.violation.name,
             iterations=found.iterations,
-            guess=name,
+            guess=found.guess,
             outcome="unverified",
             verification=unknown,
             accuracy=settings.accuracy,
@@ -316,7 +335,7 @@ class PlanSearch:
             verification=verified,
             findings=plan_findings(problem, at, excesses, verified, settings.accuracy),
         )
-        return _Made(replace(plan, info=info), candidate, excesses)
+        return _Made(replace(plan, info=info), found, excesses)
 
     # ------------------------------------------------------------------ refusal
 
@@ -326,11 +345,11 @@ class PlanSearch:
         if not self._failed:
             text = "every guess met a singular configuration; give a guess, or other reducing outputs"
             return InfeasibleError(f"no plan: {text}")
-        best = min(self._failed, key=lambda each: each.solution.violation.amount)
-        worst, duration = best.solution.violation, best.solution.iterate.duration
+        best = min(self._failed, key=lambda each: each.violation.amount)
+        worst, duration = best.violation, best.iterate.duration
         found = InfeasibleError(
             f"no plan in {duration:.4g} s: {worst.name} is violated by {worst.amount:.3g} at t = {worst.time:.4g} s "
-            f"(best of {self._tried} guesses: {best.name}); allow more time, wider bounds or more seeds"
+            f"(best of {self._tried} guesses: {best.guess}); allow more time, wider bounds or more seeds"
         )
         try:
             found.plan = self._completed(self._problem, best).plan
@@ -361,22 +380,6 @@ def _violation(made: _Made) -> tuple[bool, float]:
     """Order of plans: confirmed ones first, then by the largest violation in both integrations."""
     found = made.plan.info.verification
     return not _confirmed(made), max(found.violation, found.inputs.violation) if _confirmed(made) else found.violation
-
-
-def _margins(problem: Transcription, made: _Made, accuracy: float) -> np.ndarray | None:
-    """Additions to the distances at nodes (K + 1,) next to places that come too near; None if other rows are violated.
-
-    The goal keeps its place, so that the last node has no margin.
-    """
-    beyond = [each for each in made.excesses if each.amount > accuracy]
-    if any(each.quantity != DISTANCE for each in beyond):
-        return None
-    margins, h = problem.margins.copy(), made.plan.duration / problem.K
-    for each in beyond:
-        k = min(int(each.time / h), problem.K - 1)
-        margins[k : k + 2] = np.maximum(margins[k : k + 2], problem.margins[k : k + 2] + each.amount)
-    margins[-1] = problem.margins[-1]
-    return margins if (margins > problem.margins).any() else None
 
 
 def _limits_of(problem: Transcription) -> tuple[tuple[str, str, float, float], ...]:

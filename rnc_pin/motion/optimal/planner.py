@@ -26,12 +26,12 @@ from rnc_pin.motion.optimal.plan_feedback import tvlqr
 from rnc_pin.motion.optimal.plan_search import Gains, PlanSearch, SearchEffort
 from rnc_pin.motion.optimal.sequential_quadratic import SolverSettings
 from rnc_pin.motion.optimal.transcription import Iterate, Transcription
+from rnc_pin.motion.optimal.verification import CONTACT
 from rnc_pin.motion.planning.action_models import ActionModel, Form, Nodes, action_model
 from rnc_pin.motion.planning.way import Way, intervals_along
 from rnc_pin.references.reference import Reference
 
 _T = TypeVar("_T", CostKind, BoundKind)
-_CONTACT = 1e-6  # [m], error of a measured distance
 _AT_A_LIMIT = 1e-9  # of a value at its limit
 
 
@@ -138,7 +138,7 @@ def check_distances(what: str, bound: DistanceRows, q: Array, t: float, accuracy
     """
     found = bound.at(q, t)
     smallest = float(found.distance.min(initial=np.inf))
-    if smallest < bound.clearance - (_CONTACT if bound.distances.obstacles and what == "goal" else accuracy):
+    if smallest < bound.clearance - (CONTACT if bound.distances.obstacles and what == "goal" else accuracy):
         nearest = int(found.distance.argmin())
         pair, distance = bound.distances.pairs[found.pairs[nearest]], float(found.distance[nearest])
         text = f"{what}: the distance of {pair.names[0]} and {pair.names[1]} is {distance:.4g} m, below the"

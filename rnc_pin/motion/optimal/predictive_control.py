@@ -39,7 +39,7 @@ from rnc_pin.motion.optimal.set_point import (
     quadratic_set_point,
     stalls,
 )
-from rnc_pin.motion.optimal.transcription import Iterate
+from rnc_pin.motion.optimal.transcription import Iterate, gains_of
 from rnc_pin.motion.planning.action_models import Form, Nodes, action_model
 from rnc_pin.verdict import MOSTLY, Finding, FindingKind, Severity
 
@@ -164,6 +164,7 @@ class PredictiveController(DescribedMixin):
             raise ConfigurationError("form 'kinematic': a predictive controller needs 'acceleration' or 'dynamic'")
         reduced, goal = self.reduced, self.goal
         self._solver_settings, self._model = SolverSettings(nodes=self.nodes), action_model(reduced, self.form)
+        self._model.parts = 1  # feedback at every sample takes the place of exact steps
         start = initial_node(self._model, reduced.robot.configuration())
         end = None if goal is None else GoalRows(self._model, goal, at_rest=True)
         problem = build_problem(self._model, start, end, self.horizon, self.costs, self.bounds, self.nodes)
@@ -251,7 +252,7 @@ class PredictiveController(DescribedMixin):
 
     def _updated(self, t: float, now: Nodes, state: PredictiveState) -> PredictiveState:
         """State after an update of the motion, or with one more missed update."""
-        limit, begin = self.updates.budget, time.process_time()
+        limit, begin, K = self.updates.budget, time.process_time(), self.nodes
         waiting = state._replace(next_update=t + self.updates.period)
         self._problem.begin = t + self.updates.delay
         try:
@@ -259,11 +260,13 @@ class PredictiveController(DescribedMixin):
             escapes, point = state.escapes, self.set_point
             searches = point is not None and t >= state.next_search - 1e-9
             if point is not None and searches and stalls(point, Nodes(at.q[:1], at.w[:1]), at.q[-1]):
-                limit, waiting = None, self._after_search(t, waiting)
+                limit = None
+                pause = self.horizon * 2.0 ** min(state.searches, _LONGEST)
+                waiting = waiting._replace(searches=state.searches + 1, next_search=t + pause)
                 plan, known = first_motion(self._model, point, at, self.bounds, state.searches), None
                 if plan is not None:
                     escapes += 1
-                    first = self._beginning(plan)
+                    first = Iterate(plan.q[: K + 1], plan.w[: K + 1], plan.u[:K], self.horizon)
                     if self.goal is None and self._problem.values(first).cost > self._problem.values(at).cost:
                         # Over one horizon, waiting costs less: an update would turn the robot back.
                         return self._following(t, plan, waiting._replace(escapes=escapes, updates=state.updates + 1))
@@ -279,7 +282,7 @@ class PredictiveController(DescribedMixin):
             if rows is None or solver.linear is None:
                 gains = self._problem.feedback_gains(at)
             else:  # real-time iteration: the linearization of the last iteration gives the gains, too
-                gains = self._problem.gains_near(solver.linear, rows)
+                gains = gains_of(solver.linear, np.minimum(self._problem.upper - rows, rows - self._problem.lower))
         except RncError:
             return waiting._replace(missed=state.missed + 1)
         late = limit is not None and time.process_time() - begin > limit
@@ -290,10 +293,6 @@ class PredictiveController(DescribedMixin):
         )
         return motion._replace(updates=state.updates + 1, escapes=escapes)
 
-    def _beginning(self, plan: Iterate) -> Iterate:
-        """The first horizon of a plan."""
-        return Iterate(plan.q[: self.nodes + 1], plan.w[: self.nodes + 1], plan.u[: self.nodes], self.horizon)
-
     def _following(self, t: float, plan: Iterate, state: PredictiveState) -> PredictiveState:
         """State that follows a plan to its end, without updates."""
         gains = self._problem.changed(K=len(plan.u)).feedback_gains(plan)
@@ -301,11 +300,6 @@ class PredictiveController(DescribedMixin):
         return state._replace(
             begin=begin, q=plan.q, w=plan.w, u=plan.u, gains=gains, multipliers=None, next_update=begin + plan.duration
         )
-
-    def _after_search(self, t: float, state: PredictiveState) -> PredictiveState:
-        """State after a search; the time until the next one doubles."""
-        pause = self.horizon * 2.0 ** min(state.searches, _LONGEST)
-        return state._replace(searches=state.searches + 1, next_search=t + pause)
 
     def _predicted(self, t: float, now: Nodes, state: PredictiveState) -> Nodes:
         """State at the end of the delay, under the inputs of the last motion."""
@@ -320,9 +314,8 @@ class PredictiveController(DescribedMixin):
 
     def _planned(self, t: float, state: PredictiveState) -> tuple[Nodes, int]:
         """State of the motion at a time, and its interval."""
-        since = min(max(t - state.begin, 0.0), self._h * len(state.u))
-        k = min(int(since / self._h), len(state.u) - 1)
-        return self._model.after(Nodes(state.q, state.w), state.u, k, since - k * self._h), k
+        since = min(t - state.begin, self._h * len(state.u))
+        return self._model.during(Nodes(state.q, state.w), state.u, self._h, since)
 
     def _input(self, t: float, at: Nodes, state: PredictiveState) -> Array:
         """Input with feedback at a time."""

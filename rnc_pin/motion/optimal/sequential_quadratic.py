@@ -1,19 +1,20 @@
 """Sequential quadratic programming over the nodes of an optimal control problem.
 
 Every iteration linearises all nodes in one block and solves the subproblem. A line search on the merit function
-``cost + weight * violations + gap weight * gaps``, with rows in units of their typical size, accepts the step. The
+``cost + weight * violations + gap weights * gaps``, with rows in units of their typical size, accepts the step. The
 subproblem has the same elastic rows (Fletcher's Sl1QP; Nocedal and Wright, "Numerical Optimization" (2006), 18.5), so
-its solution descends. A step that fails is repeated with more damping. Steps that turn back show that the Gauss-Newton
-Hessian is too small along them; damping replaces what it lacks.
+its solution descends. A step that fails is repeated with more damping, which replaces what the Gauss-Newton Hessian
+lacks.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Annotated, Literal, NamedTuple
+from dataclasses import dataclass, replace
+from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Le, Lt
+from numpy import ndarray as Array
 
 from rnc_pin.errors import RncError, SimulationError
 from rnc_pin.model.input_validation import Positive
@@ -26,6 +27,7 @@ _SUFFICIENT = 1e-4  # part of the predicted decrease that a step has to reach
 _MOST_DAMPING, _LEAST_DAMPING, _FIRST_DAMPING = 1e6, 1e-8, 1e-3
 _MOST_WEIGHT, _HEAVIER = 1e9, 30.0
 _PATIENCE = 4  # iterations in which the violation has to be halved
+_SLOW = 10  # iterations over which the cost of a solution that is improved has to fall
 _REST = 1e-3  # part of the tolerance of the cost that later iterations may still change
 
 SolverOutcome = Literal["solved", "feasible", "infeasible"]
@@ -78,13 +80,10 @@ class Solution:
     """Converged; within tolerance, but the cost still changes; or not within tolerance."""
     linear: LinearQuadratic | None = None
     """Linearization at the iterate, if the last step gave it."""
-
-
-class _Sizes(NamedTuple):
-    """Typical sizes of rows (K + 1, k) and of states (nx,)."""
-
-    rows: np.ndarray
-    states: np.ndarray
+    weight: float = 0.0
+    """Cost of a violation of one unit of a scaled row."""
+    guess: str = ""
+    """Name of the guess."""
 
 
 class SequentialQuadratic:
@@ -110,17 +109,26 @@ class SequentialQuadratic:
     def restart(self) -> None:
         """Forget damping, penalties and multipliers of earlier iterations."""
         self.interior = InteriorPointSolver()
-        self._damping, self._weight, self._gap_weight = _FIRST_DAMPING, self.settings.penalty, 0.0
-        self._last: Direction | None = None  # direction of the last iteration, if the step was whole
+        self._damping, self._weight = _FIRST_DAMPING, self.settings.penalty
+        self._gap_weights = np.zeros(self.problem.model.nx)
         self._whole = False  # the last step was whole, and damping did not shorten it
 
-    def solve(self, guess: Iterate) -> Solution:
-        """Improve a guess until it converges. Its first node becomes the start of the problem, which no step moves."""
+    def solve(self, guess: Iterate, weight: float = 0.0) -> Solution:
+        """Improve a guess until it converges. Its first node becomes the start of the problem, which no step moves.
+
+        Args:
+            guess: the guess.
+            weight: cost of a violation at which a similar problem converged, of which the guess is the solution: its
+                iterations also end if the cost falls slowly. By default, the penalty of the settings, times the size
+                of the gradient by inputs.
+        """
         s, calm, count, done, before = self.settings, 0, 0, False, np.inf
         at = self.problem.from_start(guess)
         self.restart()
         linear, values = self.problem.linearize(at)
         self._ahead = at, linear, values
+        self._weight = weight or self._weight * (1.0 + float(np.abs(linear.g * linear.scales).max(initial=0.0)))
+        costs = [np.inf] * _SLOW
         mark, age = np.inf, 0  # violation at the last time that it was halved, and iterations since
         while count < s.iterations:
             count += 1
@@ -140,17 +148,18 @@ class SequentialQuadratic:
             # Changes of whole steps fall as a geometric series, whose rest is known.
             rest = change**2 / (before - change) if change < before else np.inf
             before = change
-            if calm and self._whole and rest < _REST * s.cost_tolerance and amount <= s.tolerance:
-                done = True
-                break
-            if calm >= 3 and not self._raise_penalty(values, at.duration):
-                done = True
+            costs.append(values.cost)
+            slow = weight and costs[-1 - _SLOW] - costs[-1] < 10 * _SLOW * s.cost_tolerance * abs(costs[-1])
+            near = calm and self._whole and rest < _REST * s.cost_tolerance
+            done = bool((slow or near) and amount <= s.tolerance)
+            done = done or (calm >= 3 and not self._raise_penalty(values, at.duration))
+            if done:
                 break
         violation = self.problem.worst(values, at.duration)
         within: SolverOutcome = "solved" if done else "feasible"
         outcome = within if violation.amount <= s.tolerance else "infeasible"
         last = self._ahead[1] if self._ahead is not None and self._ahead[0] is at else None
-        return Solution(at, values.cost, violation, count, outcome, last)
+        return Solution(at, values.cost, violation, count, outcome, last, self._weight)
 
     def _raise_penalty(self, values: Values, duration: float) -> bool:
         """Raise the cost of violations if there are some; False if there are none or it is at its limit."""
@@ -169,7 +178,7 @@ class SequentialQuadratic:
         known = self._ahead
         problem, values = known[1:] if known is not None and known[0] is at else self.problem.linearize(at)
         self.linear, self._ahead = problem, None
-        sizes = self._sizes(problem)
+        sizes = problem.typical_sizes[1:, :-1] if self.problem.free else problem.typical_sizes
         while self._damping < _MOST_DAMPING:
             try:
                 direction = self.interior.solve(problem, self._damping, self._weight, change)
@@ -179,29 +188,27 @@ class SequentialQuadratic:
             found = self._searched(at, values, direction, sizes, change is not None)
             if found is not None:
                 after, result, length = found
-                factor = 0.2 if length == 1.0 else 1.0 if length >= 0.2 else 4.0
                 self._whole = length == 1.0 and self._damping <= 1.0
-                lacking = _lacking_damping(problem, self._last, direction) if length == 1.0 else 0.0
-                self._damping = max(_LEAST_DAMPING, factor * self._damping, lacking)
-                self._last = direction if length == 1.0 else None
+                # Whole steps close the gaps, which damping does not hinder.
+                self._damping = max(_LEAST_DAMPING, (0.2 if length == 1.0 else 4.0) * self._damping)
                 return after, result
             self._damping = max(20 * self._damping, 1e-4)
         return None
 
     def _searched(
-        self, at: Iterate, values: Values, direction: Direction, sizes: _Sizes, ahead: bool
+        self, at: Iterate, values: Values, direction: Direction, sizes: Array, ahead: bool
     ) -> tuple[Iterate, Values, float] | None:
         """Line search along a direction: the next iterate, its values, and the step length."""
         assert self.linear is not None
-        nx = len(sizes.states)
-        costate = np.abs(direction.costate[1:, :nx] * sizes.states)
-        self._gap_weight = max(0.5 * self._gap_weight, 1.5 * float(costate.max(initial=0.0)))
+        costate = np.abs(direction.costate[1:, : self.problem.model.nx]).max(axis=0)
+        self._gap_weights = np.maximum(0.5 * self._gap_weights, 1.5 * costate)
         merit = self._merit(values, sizes)
         predicted = merit - _merit_of_subproblem(self.linear, direction, values.cost, sizes, self._weight)
         rounding = 1e-12 * max(1.0, abs(merit))
         for length in _LENGTHS:
             after = self.problem.moved(at, direction.x, direction.u, float(length))
             try:
+                after = self.problem.closed(after, self.linear)
                 if ahead and self._whole and length == 1.0:
                     linear, result = self.problem.linearize(after)
                     self._ahead = after, linear, result
@@ -214,37 +221,13 @@ class SequentialQuadratic:
                 return after, result, float(length)
         return None
 
-    def _sizes(self, problem: LinearQuadratic) -> _Sizes:
-        rows, states = problem.typical_sizes
-        if self.problem.free:
-            rows, states = rows[1:, :-1], states[1:, :-1]
-        floor = max(1e-3 * float(states.max()), 1e-9)
-        return _Sizes(rows, np.maximum(states.max(axis=0), floor))
-
-    def _merit(self, values: Values, sizes: _Sizes) -> float:
-        gaps = float((np.abs(values.gaps) / sizes.states).sum())
-        beyond = float((self.problem.excess(values) / sizes.rows).sum())
-        return values.cost + self._gap_weight * gaps + self._weight * beyond
-
-
-def _lacking_damping(problem: LinearQuadratic, last: Direction | None, now: Direction) -> float:
-    """Addition to the weights of scaled inputs that gives the Hessian its true size along the last whole step.
-
-    The gradient after that step is minus the Hessian times the next step: if this turns back, the step was too long.
-    """
-    if last is None:
-        return 0.0
-    before, after = (np.concatenate([each.x[:-1], each.u], axis=1)[:, None] for each in (last, now))
-    slope = before @ problem.H
-    end = last.x[-1] @ problem.H_end
-    back = -float((slope @ after.mT).sum() + end @ now.x[-1])
-    own = float((slope @ before.mT).sum() + end @ last.x[-1])
-    inputs = float(((last.u / problem.input_scales) ** 2).sum())
-    return min(back, own) / inputs if inputs > 0 else 0.0
+    def _merit(self, values: Values, sizes: Array) -> float:
+        beyond = float((self.problem.excess(values) / sizes).sum())
+        return values.cost + float((np.abs(values.gaps) * self._gap_weights).sum()) + self._weight * beyond
 
 
 def _merit_of_subproblem(
-    problem: LinearQuadratic, direction: Direction, cost: float, sizes: _Sizes, weight: float
+    problem: LinearQuadratic, direction: Direction, cost: float, sizes: Array, weight: float
 ) -> float:
     """Merit function of the subproblem after the whole step; the linearised dynamics hold."""
     z = np.concatenate([direction.x[:-1], direction.u], axis=1)
@@ -254,8 +237,8 @@ def _merit_of_subproblem(
     value = (problem.C @ direction.x[:, :, None])[:, :, 0]
     value[:-1] += (problem.D[:-1] @ direction.u[:, :, None])[:, :, 0]
     beyond = np.maximum(0.0, np.maximum(problem.lower - value, value - problem.upper))
-    shift = len(beyond) - len(sizes.rows)  # a free duration adds a stage and a row, which always holds
-    return cost + weight * float((beyond[shift:, : sizes.rows.shape[1]] / sizes.rows).sum())
+    shift = len(beyond) - len(sizes)  # a free duration adds a stage and a row, which always holds
+    return cost + weight * float((beyond[shift:, : sizes.shape[1]] / sizes).sum())
 
 
 # ------------------------------------------------------------------ solutions from guesses
@@ -263,31 +246,26 @@ def _merit_of_subproblem(
 _RELAXED = ("straight line", "loop", "random")  # guesses that do not tell on which side of obstacles they pass
 
 
-class Candidate(NamedTuple):
-    """Solution of a guess."""
-
-    name: str
-    solution: Solution
-
-
 class LimitSolver:
     """Solver that adds the limits of the robot's file only if a solution without them exceeds one.
 
-    Most motions are far within them, and rows that do not matter would take time in every iteration.
+    Most motions are far within them, and rows that do not matter would take time in every iteration. In the dynamic
+    form, limits of joints matter: without them, motions of least effort swing and spin.
     """
 
     def __init__(self, problem: Transcription, settings: SolverSettings) -> None:
-        stated = [bound for bound in problem.bounds if not bound.of_file]
+        least = problem.model.form == "dynamic"
+        stated = [bound for bound in problem.bounds if not bound.of_file or (least and bound.quantity != DISTANCE)]
         self._problem, self._tolerance = problem, settings.tolerance
         self._whole = SequentialQuadratic(problem, settings)
         few = len(stated) < len(problem.bounds)
         self._without = SequentialQuadratic(problem.changed(bounds=stated), settings) if few else None
 
-    def solve(self, start: Iterate) -> Solution:
-        """Solve the problem from a guess."""
+    def solve(self, start: Iterate, weight: float = 0.0) -> Solution:
+        """Solve the problem from a guess, or from the solution of a similar problem with its weight of violations."""
         if self._without is None:
-            return self._whole.solve(start)
-        found = self._without.solve(start)
+            return self._whole.solve(start, weight)
+        found = self._without.solve(start, weight)
         values = self._problem.values(found.iterate)
         if self._problem.excess(values).max(initial=0.0) <= max(self._tolerance, found.violation.amount):
             return found
@@ -299,15 +277,21 @@ class LimitSolver:
 class GuessSolver:
     """Solver of a problem from guesses; each solution depends on its guess alone.
 
+    Motions without the bounds of distances lead past obstacles. Their iterations cost a small part of those with
+    distances, and they are a good start for them.
+
     Args:
         problem: the problem.
         settings: settings of the solver.
     """
 
     def __init__(self, problem: Transcription, settings: SolverSettings) -> None:
-        self._solver, self._relaxed = LimitSolver(problem, settings), _without_distances(problem, settings)
+        free = [bound for bound in problem.bounds if bound.quantity != DISTANCE]
+        few, kept = len(free) < len(problem.bounds), [bound for bound in free if not bound.of_file]
+        self._relaxed = SequentialQuadratic(problem.changed(bounds=kept), settings) if few else None
+        self._solver = LimitSolver(problem, settings)
 
-    def solution(self, name: str, start: Iterate) -> Candidate | RncError:
+    def solution(self, name: str, start: Iterate) -> Solution | RncError:
         """Solution from a guess, or the error that ends its iterations.
 
         Args:
@@ -317,17 +301,6 @@ class GuessSolver:
         try:
             if self._relaxed is not None and name.startswith(_RELAXED):
                 start = self._relaxed.solve(start).iterate
-            return Candidate(name, self._solver.solve(start))
+            return replace(self._solver.solve(start), guess=name)
         except RncError as error:
             return error
-
-
-def _without_distances(problem: Transcription, settings: SolverSettings) -> SequentialQuadratic | None:
-    """Solver without the bounds of distances, whose motions lead past obstacles; None if there are none.
-
-    Its iterations cost a small part of those with distances, and its solution is a good start for them.
-    """
-    if all(bound.quantity != DISTANCE for bound in problem.bounds):
-        return None
-    kept = [bound for bound in problem.bounds if bound.quantity != DISTANCE and not bound.of_file]
-    return SequentialQuadratic(problem.changed(bounds=kept), settings)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from functools import partial
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
@@ -16,7 +16,7 @@ from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.input_validation import Positive, check_positive_settings
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.motion.optimal.bounds import BoundKind, DistanceBound, FileLimits, Goal, GoalRows, InputBound, OutputBound
+from rnc_pin.motion.optimal.bounds import DISTANCE, BoundKind, FileLimits, Goal, GoalRows
 from rnc_pin.motion.optimal.costs import CostKind
 from rnc_pin.motion.optimal.guesses import inputs_for
 from rnc_pin.motion.optimal.motion_plan import MotionPlan
@@ -25,17 +25,17 @@ from rnc_pin.motion.optimal.plan_feedback import regulator_gains, tvlqr
 from rnc_pin.motion.optimal.planner import build_problem, initial_node, plan_motion
 from rnc_pin.motion.optimal.sequential_quadratic import SolverSettings
 from rnc_pin.motion.optimal.set_point import AT_REST, SetPoint, nearer_plan
+from rnc_pin.motion.optimal.verification import input_limits
 from rnc_pin.motion.planning.action_models import Form, KinematicModel, Nodes, action_model
 
 _OF_FILE = FileLimits()
 _NEAR = 20.0  # times the tolerance: an error at which the feedback at rest moves the directions of weight one
 _SETTLED = 4.0  # time constants of this feedback before the error counts
 _SAMPLES = 40  # whose mean is the error at rest: noise that is above the tolerance now and then starts no plan
+_STATE_COST = 10.0  # of feedback by velocities: they know no inertia, and the costs lead aside motions
 _MOST_NODES = 1000  # of SolverSettings
 _SLOWER = 0.7  # factor of the velocity in each sample, where velocities are the commands, while the robot brakes
 _RETRY, _LONGEST = 1.0, 6  # time until the next search after the first one in vain [s], and how often it doubles
-
-Mode = Literal["stand", "follow", "stop"]
 
 
 class SetPointState(NamedTuple):
@@ -90,7 +90,6 @@ class SetPointController(DescribedMixin):
         tube: predicted error at the end of a plan from which it plans again [m or rad]. Outputs and distances beyond
             their bounds on the way by more count too.
         check: time between two checks [s].
-        state_cost: weight of each state in the gains of the feedback.
         bandwidth: decay rate of the velocity error in the kinematic form [1/s].
         braking: decay rate of the velocity while it brakes or stands [1/s].
         velocities: True for a kinematic controller, whose steps return velocities, for robots that take these: the
@@ -115,7 +114,7 @@ class SetPointController(DescribedMixin):
         (True, 'succeeded')
     """
 
-    described = ("form", "nodes", "tolerance", "tube", "check", "state_cost", "bandwidth", "braking", "weights")
+    described = ("form", "nodes", "tolerance", "tube", "check", "bandwidth", "braking", "weights")
 
     reduced: ReducedModel
     goal: Goal | SetPoint
@@ -130,7 +129,6 @@ class SetPointController(DescribedMixin):
     tolerance: Positive = 5e-3
     tube: Positive = 0.05
     check: Positive = 0.25
-    state_cost: Positive = 10.0
     bandwidth: Positive = 20.0
     braking: Positive = 4.0
     velocities: bool = False
@@ -152,13 +150,9 @@ class SetPointController(DescribedMixin):
         """Model of the robot under the commands."""
         self.weights = self.set_point.coordinates.weights
         self._direct = np.array(self.weights) == 1  # coordinates that single inputs move
-        stated = [each.bind(self._model) for each in self.bounds if isinstance(each, InputBound)]
-        self._watched = [
-            each.bind(self._model) for each in self.bounds if isinstance(each, OutputBound | DistanceBound)
-        ]
-        nu = self._model.nu
-        self._lower = np.max([np.full(nu, -np.inf), *(each.lower for each in stated)], axis=0)
-        self._upper = np.min([np.full(nu, np.inf), *(each.upper for each in stated)], axis=0)
+        stated = [each for each in problem.bounds if not each.of_file]
+        self._watched = [each for each in stated if each.quantity in ("output", DISTANCE)]
+        self._lower, self._upper = input_limits(problem)
 
     def _settings(self) -> Mapping[str, object]:
         return {name: getattr(self, name) for name in self.described}
@@ -194,8 +188,8 @@ class SetPointController(DescribedMixin):
         state = self._next(t, now, v2, state)
         if state.mode == "follow":
             u = self._followed(t, now, state)
-            desired = self._planned(t, state)[0]
-            v2_desired = desired.w[0] if self._model.nw else state.u[self._interval(t, state)]
+            desired, k = self._planned(t, state)
+            v2_desired = desired.w[0] if self._model.nw else state.u[k]
         else:
             v2_desired = self._correction(q) if state.mode == "stand" else np.zeros_like(v2)
             u = _SLOWER * v2 if self.velocities and state.mode == "stop" else self._braking(now, v2, v2_desired)
@@ -255,8 +249,8 @@ class SetPointController(DescribedMixin):
     def _gains(self, plan: MotionPlan) -> Array:
         """Gains of the feedback along a plan, of velocities about it if these are the commands."""
         if not self.velocities:
-            return tvlqr(self.reduced, plan, state_cost=self.state_cost).K
-        weights = np.full(self._driven.nx, self.state_cost), np.ones(self._driven.nu)
+            return tvlqr(self.reduced, plan, _STATE_COST if self.form == "kinematic" else None).K
+        weights = np.full(self._driven.nx, _STATE_COST), np.ones(self._driven.nu)
         start = Nodes(plan.q[:-1], np.empty((len(plan.u), 0)))
         return regulator_gains(self._driven, start, (plan.w[:-1] + plan.w[1:]) / 2, np.diff(plan.time), weights)
 
@@ -276,20 +270,14 @@ class SetPointController(DescribedMixin):
             settings=SolverSettings(nodes=nodes, accuracy=self.tolerance),
             seeds=self.seeds,
             seed=seed,
-            feedback=lambda plan: tvlqr(self.reduced, plan, state_cost=self.state_cost).K,
         )
         return nearer_plan(self.set_point, q, self.duration, search)
 
     # ------------------------------------------------------------------ commands
 
-    def _interval(self, t: float, state: SetPointState) -> int:
-        return min(max(int((t - state.begin) / state.h + 1e-9), 0), len(state.u) - 1)
-
     def _planned(self, t: float, state: SetPointState) -> tuple[Nodes, int]:
         """State of the plan at a time, and its interval."""
-        k = self._interval(t, state)
-        since = max(0.0, t - state.begin - k * state.h)
-        return self._model.after(Nodes(state.q, state.w), state.u, k, since), k
+        return self._model.during(Nodes(state.q, state.w), state.u, state.h, t - state.begin)
 
     def _followed(self, t: float, now: Nodes, state: SetPointState) -> Array:
         """Input with feedback along the plan, within its bounds."""
@@ -306,7 +294,7 @@ class SetPointController(DescribedMixin):
         K = len(state.u)
         try:
             while t < state.begin + K * state.h - 1e-9:
-                until = state.begin + (self._interval(t, state) + 1) * state.h
+                until = state.begin + (self._planned(t, state)[1] + 1) * state.h
                 u = self._followed((t + until) / 2 if self.velocities else t, now, state)
                 now, t = self._driven.step(now, u[None], np.array([until - t])), until
                 if self._excess(t, now) > self.tube:
@@ -318,11 +306,8 @@ class SetPointController(DescribedMixin):
     def _excess(self, t: float, now: Nodes) -> float:
         """Largest amount by which an output or a distance is beyond its bound [m or rad], such as a steering angle."""
         nodes = NodeData(self._driven, now, None, np.full(1, t))
-        amounts = [0.0]
-        for each in self._watched:
-            value = each.rows(nodes, False).value[0]
-            amounts.append(float(np.maximum(each.lower - value, value - each.upper).max()))
-        return max(amounts)
+        values = [(each, each.rows(nodes, False).value[0]) for each in self._watched]
+        return max([0.0, *(float(np.maximum(each.lower - x, x - each.upper).max()) for each, x in values)])
 
     def _braking(self, now: Nodes, v2: Array, v2_desired: Array) -> Array:
         """Input of the form that leads the reduced velocity to a desired one."""

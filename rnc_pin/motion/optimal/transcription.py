@@ -21,6 +21,7 @@ from rnc_pin.motion.optimal.node_data import NodeData
 from rnc_pin.motion.planning.action_models import ActionModel, Nodes, StepDerivatives
 
 _LEAST = 1e-12
+_CLOSINGS = 2  # Newton steps: the gap of a second one is of fourth order
 _GOAL, _BOUND = 1e2, 1e6
 """Weights of the goal and of active bounds of inputs in the feedback, relative to the cost of typical inputs."""
 _ACTIVE = 1e-3  # distance from a limit that counts as active, in typical sizes
@@ -67,7 +68,7 @@ class Transcription:
 
     Attributes:
         reserve: share of the bounded ranges of outputs and velocities that the motion keeps free.
-        margins: additions to the lower limits of distances at every node (K + 1,) [m].
+        margins: amounts at every node (K + 1,) by which rows are narrower, by title; "distance" for all distances.
     """
 
     def __init__(
@@ -81,7 +82,8 @@ class Transcription:
         duration: tuple[float, float],
         time_weight: float = 0.0,
     ) -> None:
-        self.margins, self.reserve = np.zeros(K + 1), 0.0
+        self.margins: dict[str, Array] = {}
+        self.reserve = 0.0
         self.model, self.start, self.K = model, start, K
         self.costs = list(costs)
         self.running = [each for each in costs if each.running]
@@ -94,6 +96,7 @@ class Transcription:
         ends = np.cumsum([len(each.names) for each in blocks]).tolist()
         self.blocks = [(each, slice(a, b)) for each, a, b in zip(blocks, [0, *ends], ends, strict=False)]
         self.names = tuple(title for each in blocks for title in each.titles)
+        self.quantities = tuple(each.quantity for each in blocks for _ in each.titles)
         self.lower = np.tile(_joined([each.lower for each in blocks]), (K + 1, 1))
         """Lower limits of the rows of every node (K + 1, k); infinite for rows that do not hold at a node."""
         self.upper = np.tile(_joined([each.upper for each in blocks]), (K + 1, 1))
@@ -108,18 +111,18 @@ class Transcription:
         bounds: Sequence[NodeBound] | None = None,
         duration: tuple[float, float] | None = None,
         reserve: float | None = None,
-        margins: Float[Array, " K1"] | None = None,
+        margins: dict[str, Array] | None = None,
     ) -> Transcription:
         """Return the same problem with other intervals, bounds, duration, reserve or margins."""
         K, bounds, duration = K or self.K, self.bounds if bounds is None else bounds, duration or self.duration
         made = Transcription(self.model, self.start, K, self.costs, bounds, self.goal, duration, self.time_weight)
         made.begin = self.begin
         made._keep_reserve(self.reserve if reserve is None else reserve)
-        same = self.margins if K == self.K else made.margins
-        made.margins = same if margins is None else margins
-        for each, rows in made.blocks:
-            if each.quantity == DISTANCE:
-                made.lower[:, rows] += made.margins[:, None]
+        made.margins = margins or (self.margins if K == self.K else {})
+        for row, (title, quantity) in enumerate(zip(made.names, made.quantities, strict=True)):
+            margin = made.margins.get(DISTANCE if quantity == DISTANCE else title, 0.0)
+            made.lower[:, row] += margin
+            made.upper[:, row] -= margin
         return made
 
     def _keep_reserve(self, reserve: float) -> None:
@@ -213,7 +216,10 @@ class Transcription:
         cost, H, g, H_end, g_end = self._costs(nodes, end, at.duration)
         C, D, rows = self._linear_rows(nodes, end)
         limits = (self.lower - rows, self.upper - rows)
-        problem = LinearQuadratic(steps.x, steps.u, gaps, H, g, H_end, g_end, C, D, *limits)
+        holding, rates = None, slice(self.model.nv, None)
+        if self.model.form == "dynamic":
+            holding = -np.linalg.pinv(steps.u[:, rates]) @ (steps.x - np.eye(self.model.nx))[:, rates]
+        problem = LinearQuadratic(steps.x, steps.u, gaps, H, g, H_end, g_end, C, D, *limits, holding)
         values = Values(cost, gaps, rows)
         return (self._with_duration(problem, steps.h / K, at) if self.free else problem), values
 
@@ -282,7 +288,8 @@ class Transcription:
         lower[1:, :-1], upper[1:, :-1] = problem.lower, problem.upper
         lower[0, -1], upper[0, -1] = self.duration[0] - at.duration, self.duration[1] - at.duration
         H_end = scipy.linalg.block_diag(problem.H_end, np.zeros((1, 1)))
-        return LinearQuadratic(A, B, gap, H, g, H_end, np.append(problem.g_end, 0.0), C, D, lower, upper)
+        holding = None if problem.holding is None else np.pad(problem.holding, ((1, 0), (0, 0), (0, 1)))
+        return LinearQuadratic(A, B, gap, H, g, H_end, np.append(problem.g_end, 0.0), C, D, lower, upper, holding)
 
     # ------------------------------------------------------------------ feedback
 
@@ -300,10 +307,6 @@ class Transcription:
             linear, _ = fixed.linearize(at)
         return gains_of(linear, np.minimum(linear.upper, -linear.lower))
 
-    def gains_near(self, linear: LinearQuadratic, rows: Float[Array, "K1 k"]) -> Float[Array, "K nu nx"]:
-        """Gains of ``feedback_gains`` from a linearization near a motion of fixed duration, and its bounded rows."""
-        return gains_of(linear, np.minimum(self.upper - rows, rows - self.lower))
-
     def moved(self, at: Iterate, x: Array, u: Array, length: float) -> Iterate:
         """Iterate after a part of a direction of the subproblem."""
         duration = at.duration
@@ -313,10 +316,25 @@ class Transcription:
         states = self.model.displaced(Nodes(at.q, at.w), length * x)
         return Iterate(states.q, states.w, at.u + length * u, duration)
 
+    def closed(self, at: Iterate, linear: LinearQuadratic) -> Iterate:
+        """Motion in the dynamic form whose inputs close the gaps of velocities, as far as inputs can.
+
+        Args:
+            at: the motion.
+            linear: linearization near it.
+        """
+        nv, nx, K = self.model.nv, self.model.nx, self.K
+        if self.model.form == "dynamic":
+            by_velocity = np.linalg.pinv(linear.B[-K:, nv:nx])
+            for _ in range(_CLOSINGS):
+                after = self.model.step(Nodes(at.q[:-1], at.w[:-1]), at.u, np.full(K, at.duration / K))
+                at = at._replace(u=at.u + np.matvec(by_velocity, at.w[1:] - after.w))
+        return at
+
 
 def gains_of(linear: LinearQuadratic, room: Float[Array, "N1 k"]) -> Float[Array, "N nu nx"]:
     """Gains of the feedback of a linearization, and the distances of its rows from their limits."""
-    nx, inputs, (sizes, _) = linear.B.shape[1], linear.input_scales, linear.typical_sizes
+    nx, inputs, sizes = linear.B.shape[1], linear.input_scales, linear.typical_sizes
     H = linear.scaled_hessian(1e-6)
     active = ((room / sizes)[:-1] < _ACTIVE)[:, :, None]
     of_input = active * linear.D[:-1] * inputs / sizes[:-1, :, None]

@@ -18,7 +18,7 @@ from rnc_pin.motion.optimal.transcription import Iterate, Transcription
 from rnc_pin.motion.planning.action_models import Nodes
 from rnc_pin.verdict import Finding, FindingKind, Severity
 
-_CONTACT = 1e-6  # [m], error of a measured distance
+CONTACT = 1e-6  # [m], error of a measured distance
 _INPUTS = {"kinematic": FindingKind.VELOCITY, "acceleration": FindingKind.ACCELERATION, "dynamic": FindingKind.EFFORT}
 _KINDS = {"output": FindingKind.POSITION} | {kind: FindingKind(kind) for kind in ("goal", "velocity", "slip")}
 
@@ -98,7 +98,7 @@ def _motion(problem: Transcription, at: Iterate, substeps: int, gains: Array | N
     h = at.duration / K / substeps
     step, now = np.array([h]), problem.start
     q, w, inputs = [now.q[0]], [now.w[0]], []
-    lower, upper = _input_limits(problem)
+    lower, upper = input_limits(problem)
     planned = None if gains is None else _planned(problem, at, substeps, h)
     feedback = None if planned is None or gains is None else PlannedFeedback(*planned, gains, lower, upper)
     found = model.reduced.evaluator.planned_motion(model.form, (q[0], w[0]), at.u, h, substeps, feedback)
@@ -131,7 +131,7 @@ def _planned(problem: Transcription, at: Iterate, substeps: int, h: float) -> No
     return problem.model.step(nodes, np.repeat(at.u, substeps, axis=0), since)
 
 
-def _input_limits(problem: Transcription) -> tuple[Array, Array]:
+def input_limits(problem: Transcription) -> tuple[Array, Array]:
     """Smallest and largest inputs (nu,) of all bounds."""
     names = problem.model.input_names
     lower, upper = np.full(len(names), -np.inf), np.full(len(names), np.inf)
@@ -215,7 +215,7 @@ def excess_text(excess: Excess) -> str:
         return f"the {excess.title} ({when})"
     if excess.quantity == "goal":
         return f"{excess.title} is missed by {excess.amount:.3g}{unit} {when}"
-    if excess.quantity == "distance" and excess.value < -_CONTACT:
+    if excess.quantity == "distance" and excess.value < -CONTACT:
         return f"{excess.title}: they penetrate each other by {-excess.value:.3g} m {when}"
     return (
         f"{excess.title} is {excess.value:.4g}{unit} {when}, beyond the limit {excess.limit:.4g} by {excess.amount:.3g}"
@@ -224,7 +224,7 @@ def excess_text(excess: Excess) -> str:
 
 def _of_row(excess: Excess, form: str) -> Finding:
     if excess.quantity == "distance":
-        kind = FindingKind.COLLISION if excess.value < -_CONTACT else FindingKind.CLEARANCE
+        kind = FindingKind.COLLISION if excess.value < -CONTACT else FindingKind.CLEARANCE
     else:
         kind = _INPUTS[form] if excess.quantity == "input" else _KINDS.get(excess.quantity, FindingKind.PLAN)
     where = excess.title.removeprefix("goal ").removeprefix("distance of ")

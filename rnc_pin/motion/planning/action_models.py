@@ -4,7 +4,8 @@
     acceleration    state (q, v2)    input v2_dot
     dynamic         state (q, v2)    input T
 
-One step of length h with constant input u is the exponential midpoint rule, of second order:
+One step of length h with constant input u is the exponential midpoint rule, of second order, in eight parts in the
+dynamic form:
 
     q_m = q (+) h/2 v(x, u),   v2_m = v2 + h/2 v2_dot(x, u)
     q'  = q (+) h v(x_m, u),   v2'  = v2 + h v2_dot(x_m, u)
@@ -17,7 +18,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -115,9 +116,11 @@ class ActionModel(ABC):
         nv, nw, nx, nu: sizes of the tangent of q, of the velocity part of the state, of the whole state, and of the
             input.
         input_names: names of the inputs.
+        parts: equal parts of a step, each by the midpoint rule.
     """
 
     form: Form
+    parts = 1
 
     def __init__(self, reduced: ReducedModel) -> None:
         self.reduced = reduced
@@ -151,29 +154,50 @@ class ActionModel(ABC):
 
     def step(self, at: Nodes, u: Array, h: Array) -> Nodes:
         """Next states of nodes after steps h (n,) [s]."""
+        for _ in range(self.parts):
+            at = self._midpoint_step(at, u, np.asarray(h) / self.parts)
+        return at
+
+    def _midpoint_step(self, at: Nodes, u: Array, h: Array) -> Nodes:
         found = self.reduced.evaluator.planned_steps(self.form, at.q, at.w, u, h)
         if found is not None and all(np.isfinite(each).all() for each in found):
             return Nodes(*found)
-        h = np.asarray(h)[:, None]
+        h = h[:, None]
         v, a = self.flow(at, u)
         middle = Nodes(self.manifold.integrate(at.q, h / 2 * v), at.w + h / 2 * a)
         v, a = self.flow(middle, u)
         return Nodes(self.manifold.integrate(at.q, h * v), at.w + h * a)
 
-    def after(self, nodes: Nodes, u: Array, k: int, since: float) -> Nodes:
-        """State (one node) a time [s] after node k of a motion with nodes (K + 1) and inputs (K, nu)."""
+    def during(self, nodes: Nodes, u: Array, h: float, t: float) -> tuple[Nodes, int]:
+        """State (one node) of a motion with nodes (K + 1) and inputs (K, nu) at a time, and its interval.
+
+        Args:
+            nodes: states at the ends of the intervals.
+            u: inputs.
+            h: length of the intervals [s].
+            t: time since the first node [s].
+        """
+        k = min(max(int(t / h + 1e-9), 0), len(u) - 1)
         start = Nodes(nodes.q[k : k + 1], nodes.w[k : k + 1])
-        return self.step(start, u[k : k + 1], np.array([since]))
+        return self.step(start, u[k : k + 1], np.array([max(0.0, t - k * h)])), k
 
     def step_derivatives(self, at: Nodes, u: Array, h: Array) -> StepDerivatives:
         """Next states of nodes after steps h (n,) [s], with derivatives."""
+        found = self._midpoint_derivatives(at, u, np.asarray(h) / self.parts)
+        for _ in range(1, self.parts):
+            then = self._midpoint_derivatives(found.after, u, np.asarray(h) / self.parts)
+            x, by_u, by_h = then.x @ found.x, then.x @ found.u + then.u, np.matvec(then.x, found.h) + then.h
+            found = StepDerivatives(then.after, x, by_u, by_h, found.flow)
+        return replace(found, h=found.h / self.parts)
+
+    def _midpoint_derivatives(self, at: Nodes, u: Array, h: Array) -> StepDerivatives:
         nx = self.nx
         found = self.reduced.evaluator.planned_derivatives(self.form, at.q, at.w, u, h)
         if found is not None:
             flow, states, out = found
             first = self._flow(StateDerivatives(**flow, difference_error=0.0), u)
             return StepDerivatives(Nodes(*states), out[:, :, :nx], out[:, :, nx:-1], out[:, :, -1], first)
-        half, whole = np.asarray(h)[:, None] / 2, np.asarray(h)[:, None]
+        half, whole = h[:, None] / 2, h[:, None]
         first = self.flow_derivatives(at, u)
         shift = half * first.v
         middle = Nodes(self.manifold.integrate(at.q, shift), at.w + half * first.a)
@@ -261,6 +285,7 @@ class DynamicModel(ActionModel):
     """State (q, v2), input T."""
 
     form: Form = "dynamic"
+    parts = 8  # light links turn far while efforts are constant
 
     def _input_names(self) -> tuple[str, ...]:
         return tuple(self.reduced.actuation.names)

@@ -55,6 +55,21 @@ def test_sideways_motion_of_least_velocity_is_brocketts():
     assert plan.info.cost == pytest.approx(2 * np.pi * y / t, rel=1e-2)
 
 
+ARMS = [("panda", [0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8], [1.2, 0.5, -0.4, -1.2, 0.6, 2.2, 0.2], 1.5)]
+ARMS += [("ur5_robot", [-1.5, -2.0, 1.8, 0.0, 0.0, 0.0], [1.0, -0.6, 0.4, 0.0, 0.0, 0.0], 2.0)]
+
+
+@pytest.mark.parametrize(("name", "start", "goal", "duration"), ARMS)
+def test_arms_reach_configurations_by_their_efforts(name, start, goal, duration):
+    """Efforts turn their light last links at hundreds of rad/s^2; no plan was found."""
+    fingers = {f"panda_finger_joint{k}": 0.0 for k in (1, 2)}
+    robot = rnc.Robot.from_example(name, lock=fingers if name == "panda" else None)
+    reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce(map(rnc.JointPosition, robot.joint_names))
+    plan = rnc.optimal.plan(reduced, start, goal, duration, form="dynamic", seeds=0)
+    run = rnc.simulate(reduced, rnc.tvlqr(reduced, plan), start, duration, 0.005)
+    assert (np.abs(run.q[-1] - goal).max() < 5e-3, run.verdict.succeeded) == (True, True)
+
+
 def test_free_duration_ends_where_time_and_effort_balance():
     """Cost 6 d^2 / t^3 + c t is least at t^4 = 18 d^2 / c."""
     reduced = systems.sleigh()

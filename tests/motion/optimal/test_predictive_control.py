@@ -63,18 +63,13 @@ def test_missed_updates_reach_the_verdict():
 
 @pytest.mark.parametrize(("mass", "word"), [(1.0, "succeeded"), (0.8, "failed")])
 def test_bounds_of_accelerations_are_limits_of_the_run(mass, word):
-    """The sleigh of the model accelerates at its bound and brakes less; a lighter one accelerates more.
-
-    The force is held between two samples: the acceleration of the sleigh of the model is beyond its bound by less than
-    1 %, which counts as rounding.
-    """
+    """The sleigh of the model accelerates at its bound, but for forces that are held (1 %); a lighter one more."""
     reduced, lighter = systems.sleigh(), systems.sleigh.__wrapped__()
     for body in lighter.robot.model.inertias:
         body.mass *= mass
         body.inertia *= mass
     bounds = [InputBound([-0.5, -1.0], [0.4, np.inf])]
-    controller = controller_of(reduced, form="acceleration", bounds=bounds)
-    plant = rnc.ReducedPlant(lighter)
+    controller, plant = controller_of(reduced, form="acceleration", bounds=bounds), rnc.ReducedPlant(lighter)
     run = rnc.simulate(reduced, controller, reduced.robot.configuration(), 1.0, v2_0=[0.0, 0.5], dt=0.01, plant=plant)
     rates = np.diff(run.v2[:, 0]) / np.diff(run.time)
     assert 0.0 < rates.max() / 0.4 * mass - 1.0 < 0.01

@@ -21,8 +21,8 @@ def random_nodes(model, count=4, seed=0):
     return Nodes(q, w), u, np.full(count, 0.05)
 
 
-def central(model, function, size, step=1e-6):
-    """Central differences (n, nx, size) of a function from a displacement to states."""
+def central(model, function, size, step=1e-4):
+    """Central differences (n, nx, size) of a function from a displacement to states; log of tiny turns is zero."""
     columns = []
     for direction in np.eye(size):
         ahead, behind = (function(sign * step * direction) for sign in (1, -1))

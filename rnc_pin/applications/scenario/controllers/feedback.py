@@ -270,7 +270,6 @@ class SetPointSettings(_ToSetPoint):
         tube: predicted error at the end of a plan from which it plans again [m or rad]. Outputs and distances beyond
             their bounds on the way by more count too.
         check: time between two checks [s].
-        state_cost: weight of each state in the gains of the feedback.
         braking: decay rate of the velocity while it brakes or stands [1/s].
         velocities: True for a kinematic controller, whose steps return velocities, for robots that take these: the
             target of an ``ActuatorVelocityController``. The form is "acceleration", so that bounds of inputs limit the
@@ -286,7 +285,6 @@ class SetPointSettings(_ToSetPoint):
     tolerance: Positive = 0.005
     tube: Positive = 0.05
     check: Positive = 0.25
-    state_cost: Positive = 10.0
     braking: Positive = 4.0
     velocities: bool = False
 
@@ -307,7 +305,6 @@ class SetPointSettings(_ToSetPoint):
             tolerance=self.tolerance,
             tube=self.tube,
             check=self.check,
-            state_cost=self.state_cost,
             braking=self.braking,
             velocities=self.velocities,
         )
