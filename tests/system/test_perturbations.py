@@ -33,7 +33,7 @@ def test_trials_of_a_robot(brief):
     assert perturbations.share(found) == 1
 
 
-@pytest.mark.long  # an hour
+@pytest.mark.long  # a quarter of an hour
 def test_drafts_keep_the_kind_of_base():
     found = [trial for name in perturbations.sources() for trial in perturbations.trials(name)]
-    assert perturbations.share(found) >= 0.98, [str(trial) for trial in found if not trial.kept]
+    assert perturbations.share(found) >= 0.99, [str(trial) for trial in found if not trial.kept]
