@@ -28,10 +28,8 @@ def draft(tmp_path_factory):
 def driven(scenario, samples, forward, left, turn):
     """Run with keys held."""
     key = {"kind": "base_velocity", "forward": forward, "left": left, "turn": turn}
-    file = str(scenario.folder / "unit.yaml")
-    run = drive(
-        prepared(file, [(k, key) for k in range(0, samples, 20)], simulation__dt=DT), samples=samples
-    ).trajectory
+    keys = [(k, key) for k in range(0, samples, 20)]
+    run = drive(prepared(str(scenario.folder / "unit.yaml"), keys, simulation__dt=DT), samples=samples).trajectory
     assert np.linalg.norm(run.v[-1, :3] * np.sign([forward, left, turn])) > 0.4
     return run
 
