@@ -82,7 +82,7 @@ def planned(scenario, *goal, obstacles=()):
     near = rnc.collision.CollisionDistances(scenario.reduced.robot, obstacles, rnc.collision.PairSelection(links=False))
     bounds = [rnc.optimal.DistanceBound(near, 0.01)] if obstacles else []
     pose = {rnc.FramePosition("base", "xy"): goal[:2], rnc.FrameYaw("base"): goal[2]}
-    return rnc.optimal.plan(scenario.reduced, scenario.experiment.q0, pose, 8.0, bounds=bounds, seeds=2)
+    return rnc.optimal.plan(scenario.reduced, scenario.experiment.q0, pose, 10.0, bounds=bounds, seeds=2)
 
 
 def through_a_door(scenario):
