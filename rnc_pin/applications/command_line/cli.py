@@ -326,7 +326,7 @@ def _unexpected(error: Exception) -> str:
 
 def run() -> None:
     """Run the command line in a process of its own. A signal after the command does not change its status."""
-    gc.set_threshold(50_000)  # what imports and runs make lives to the end: collections find little
+    gc.set_threshold(200_000)  # what imports and runs make lives to the end: collections find little
     try:
         with endings_as_ctrl_c():  # until they are ignored
             try:
