@@ -115,7 +115,7 @@ class RunData:
     """Names, units, scenario, versions, seed, outcome."""
 
     grounds: Grounds | None = field(default=None, repr=False, compare=False)
-    """What else the run is judged by; None for a run from a file, which has none."""
+    """Grounds of the verdict besides the samples; None for a run from a file."""
 
     @property
     def arrays(self) -> dict[str, Array]:
