@@ -48,9 +48,6 @@ def test_the_error_of_differences_is_that_of_two_steps(affine, moving):
     assert found.difference_error == pytest.approx(estimate + 255 * abs(along_1 - exact), rel=0.05)
 
 
-# ---------------------------------------------------------------------- every built-in kind
-
-
 BLOCKS = ("v", "v2_dot", "v_q", "v_v2", "v2_dot_q", "v2_dot_v2", "v2_dot_T")
 BOTH_WAYS = 1e-10  # the two paths, relative
 EXACT = 1e-9  # eighth-order differences of the dynamics, relative
@@ -139,9 +136,6 @@ def test_rows_over_time_are_differentiated_at_a_constant_time(moving):
         near(getattr(state_derivatives(frozen, q, v2, T), each), getattr(found, each), BOTH_WAYS, each)
     with pytest.raises(rnc.InputError, match=r"prescribed\(tip_yaw\).* t=0.0"):
         state_derivatives(reduced, q, v2, T)
-
-
-# ---------------------------------------------------------------------- blocks of states
 
 
 @pytest.mark.parametrize("make", [mobile_manipulator, spinning_space_robot, bicycle])

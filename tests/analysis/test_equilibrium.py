@@ -298,9 +298,6 @@ def circle(steering, hitches):
     return found
 
 
-# ---------------------------------------------------------------------- steady motions
-
-
 @pytest.mark.parametrize("count", [1, 2, 3])
 @pytest.mark.parametrize("speed", [1.0, -0.4])
 def test_trailers_in_a_circle_stand_at_the_angles_of_geometry(count, speed):
@@ -384,9 +381,6 @@ def test_a_wheel_that_is_unbalanced_may_be_named():
     assert abs(v["rear_wheel"]) > 1.0
 
 
-# ---------------------------------------------------------------------- symmetries
-
-
 def free_body(inertia, gravity=(0, 0, 0)):
     model = pin.Model()
     add_body(model, "root_joint", "FreeFlyer", 1.0, moments=inertia, frame="body")
@@ -431,9 +425,6 @@ def test_how_symmetries_vary_is_exact(make):
     coefficients = generator.normal(size=found.size)
     expected = gradient(reduced.robot.model, lambda p: found.directions(p) @ coefficients, q)
     np.testing.assert_allclose(found.gradient(q, coefficients), expected, atol=1e-9)
-
-
-# ---------------------------------------------------------------------- a bicycle
 
 
 def test_a_bicycle_leans_in_a_circle():

@@ -11,8 +11,6 @@ from rnc_pin.analysis.lie_brackets import frame_bracket
 from systems import fire_truck, free_flying_panda, leaning_wheel, random_states, space_robot, tiago
 from textbook_systems import sliders_with_rows, tractor_trailers, unicycle, unicycle_with_trailers
 
-# ---------------------------------------------------------------------- the bracket of a joint's own axes
-
 
 def every_joint():
     """Joints in an order in which no entries of v have the place of those of q."""
@@ -68,9 +66,6 @@ def test_a_joint_whose_bracket_is_not_known_is_named():
     assert frame_bracket(model)(np.ones(1), np.ones(1)).tolist() == [0.0]
 
 
-# ---------------------------------------------------------------------- what counts
-
-
 @pytest.mark.parametrize(("weak", "expected"), [(0.97e-5, (2,)), (1.03e-5, (2, 3))])
 def test_a_first_bracket_has_to_be_a_part_in_a_hundred_thousand(weak, expected):
     reduced = sliders_with_rows(lambda q: [[0.0, weak * q[0]]], lambda q, v: [[0.0, weak * v[0]]])
@@ -108,9 +103,6 @@ def test_what_varies_fast_still_grows():
         found = grow(reduced, np.array([x, 0.4, -0.2, 0.3]))
         assert found.vector == (2, 3, 4)
         np.testing.assert_allclose(found.closure.T @ found.closure, np.eye(4), atol=1e-9)
-
-
-# ---------------------------------------------------------------------- how deep
 
 
 def monomials(exponents):
@@ -190,9 +182,6 @@ def test_samples_with_the_last_dimension_are_shown_if_none_has_all(monkeypatch):
 def test_three_samples_of_eight_to_thirty_two_have_to_agree(last, samples, monkeypatch):
     monkeypatch.setattr(growth, "grow", lambda _, q: growth.Growth((2, 2 + min(q, last - 2)), np.eye(60), 1e6, False))
     assert generic_growth(None, np.arange(1, 60))[0].samples == samples
-
-
-# ---------------------------------------------------------------------- trailers
 
 
 @pytest.mark.parametrize("n", [0, 3, pytest.param(5, marks=pytest.mark.long)])

@@ -39,9 +39,6 @@ def car(length=0.8):
     return rnc.NonholonomicSystem(rnc.Robot(model), edges).reduce([rnc.FrameSpeed("rear"), rnc.JointPosition("steer")])
 
 
-# ---------------------------------------------------------------------- derived by hand
-
-
 @pytest.mark.parametrize("steering", [0.0, 0.4, -0.6])
 def test_car(steering):
     """On a circle of curvature k = tan(steering) / L: (x, steer, yaw - k x, y - k x^2 / 2) of weights 1, 1, 2, 3."""
@@ -72,9 +69,6 @@ def test_one_trailer(angle):
         x, y, yaw, hitch = shape_of(coordinates, there)
         expected = [x, hitch, y, s * x - c * y + yaw + hitch - s * c * x**2 / 2]
         np.testing.assert_allclose(coordinates.values(there), expected, atol=EXACT)
-
-
-# ---------------------------------------------------------------------- symbolic derivatives
 
 
 def trailers_fields(count, q):
@@ -114,9 +108,6 @@ def test_words_shorter_than_the_weight_vanish(hitches):
             words = [sum(a * sp.diff(g, s) for a, s in zip(X, symbols, strict=True)) for X, g in product(fields, words)]
             size = max(abs(float(word.subs(at))) if word else 0.0 for word in map(sp.sympify, words))
             assert size < bound if length < weight else size > 1e-3
-
-
-# ---------------------------------------------------------------------- orders along flows
 
 
 def satellite_with_rotors():
@@ -193,9 +184,6 @@ def test_jacobian_is_the_derivative(name):
         there, v = near(reduced, q, generator), generator.normal(size=reduced.n)
         ahead, behind = (coordinates.values(pin.integrate(reduced.robot.model, there, s * h * v)) for s in (1, -1))
         np.testing.assert_allclose(coordinates.jacobian(there) @ v, (ahead - behind) / (2 * h), rtol=1e-6, atol=1e-7)
-
-
-# ---------------------------------------------------------------------- refusals
 
 
 @pytest.mark.parametrize(("make", "ignored", "words"), [

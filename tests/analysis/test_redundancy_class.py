@@ -8,8 +8,6 @@ from rnc_pin.analysis import classify
 from rnc_pin.analysis.redundancy_class import has_full_row_rank
 from textbook_systems import prismatic, sliders_with_rows, turreted, unicycle
 
-# ---------------------------------------------------------------------- classes of redundancy
-
 
 @pytest.mark.parametrize(("A", "redundant", "expected", "tracked", "reason"), [
     ([[5, 2]], "1", "1", "2", "A4 has full row rank"),

@@ -8,8 +8,6 @@ import rnc_pin as rnc
 from refusals import refused
 from textbook_systems import linear
 
-# ---------------------------------------------------------------------- the regulator
-
 
 @pytest.mark.parametrize("a", [-0.7, 0.0, 1.3])
 def test_the_gain_of_one_state_is_that_of_the_closed_form(a):

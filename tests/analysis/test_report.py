@@ -37,9 +37,6 @@ def test_lemma_1_is_denied_to_wrong_rates():
     assert not rnc.analyze(reduced, samples=8).lemma1_holds
 
 
-# ---------------------------------------------------------------------- why, and where not
-
-
 def test_a_system_that_does_not_reach_everything_says_how_much():
     robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
     kinds = [rnc.NoSideSlip("base"), rnc.FixedOutput(rnc.JointPosition("joint_2"), 0.3)]

@@ -14,9 +14,6 @@ def rates_of(rows, names):
     return rnc.Output(None, lambda q: np.array(rows(q), float), names=names)
 
 
-# ---------------------------------------------------------------------- singular configurations
-
-
 def two_ways_to_be_singular():
     """a and b agree where q1 is a multiple of pi, c and d where q3 is zero."""
     return rnc.NonholonomicSystem(rail_sliders(4), []).reduce(

@@ -76,9 +76,6 @@ def test_mistakes_have_names():
         rnc.RollingBall("ball", 0.2, ground=rnc.GroundPlane(frame="ball")).bind(robot)
 
 
-# ---------------------------------------------------------------------- kinematics relative to a body
-
-
 @pytest.fixture(scope="module")
 def robot():
     return free_bodies("plate", "body")

@@ -211,8 +211,6 @@ def test_rows_that_demand_two_things_are_refused():
         rnc.NonholonomicSystem(robot, [turning(0.5, "a"), turning(0.7, "b")])
 
 
-# ---------------------------------------------------------------------- refusals
-
 SWING = Harmonic([0.0], [0.3], 0.5)
 
 

@@ -12,8 +12,6 @@ from simple_controllers import Idle
 from systems import COUPLER, CRANK, GROUND, ROCKER, four_bar, four_bar_robot, leaning_wheel, random_states
 from tolerances import ROUNDING
 
-# ---------------------------------------------------------------------- four-bar linkage, closed form
-
 
 def closed_form(crank, branch):
     """Angle of the rocker, absolute angle of the coupler, and their rates for unit rate of the crank.
@@ -146,9 +144,6 @@ test_couplings_that_make_no_sense_are_refused = refused([
 ], lambda kind: rnc.NonholonomicSystem(four_bar_robot(), [kind]))  # fmt: skip
 
 
-# ---------------------------------------------------------------------- coupled joints
-
-
 def geared(first, second, ratio, offset=0.0):
     """Two flywheels (2 and 0.5 kg m^2) of which the second follows the first; n = 2, r = 1."""
     model = pin.Model()
@@ -184,9 +179,6 @@ def test_a_coupling_that_full_turns_make_ambiguous_says_so():
     assert geared(pin.JointModelRZ(), pin.JointModelRUBZ(), np.sqrt(2)).constraints.holonomic == (True,)
     reduced = geared(pin.JointModelRUBZ(), pin.JointModelRUBZ(), np.sqrt(2))
     assert (reduced.constraints.holonomic, reduced.assembly.size) == ((False,), 0)
-
-
-# ---------------------------------------------------------------------- positions
 
 
 def test_assembling_can_hold_joints():

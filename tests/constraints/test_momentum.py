@@ -46,9 +46,6 @@ def own_row(robot: rnc.Robot, *joints: str, rate: float = 0.0) -> rnc.Pfaffian:
     return rnc.Pfaffian(lambda q: row, lambda q, v: 0 * row, ["own"], **options)
 
 
-# ---------------------------------------------------------------------- what acts on the joint is refused
-
-
 ACTING = {
     "a hand on the wall": lambda robot: rnc.LoopClosure("universe", "left_hand", "point", offset_a=(0.7, 0.3, 0.0)),
     "a hand that is welded": lambda robot: rnc.LoopClosure("left_hand", "universe", "frame", offset_b=(0.7, 0.3, 0.0)),
@@ -116,9 +113,6 @@ def test_what_falls_along_its_joint_has_no_constant_momentum_up_or_down(gravity,
             rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("joint")])
 
 
-# ---------------------------------------------------------------------- what does not act on it is welcome
-
-
 def loop(robot: rnc.Robot) -> list:
     return [rnc.LoopClosure("left_hand", "right_hand", "point")]
 
@@ -153,9 +147,6 @@ def test_momentum_is_conserved_because_of_the_dynamics(what):
         np.testing.assert_allclose(state.v_dot(reduced.forward_dynamics(q, v2, T)), expected, atol=KKT * 10)
         np.testing.assert_allclose(reduced.multipliers(q, v2, T)[~rows], 0, atol=KKT)
         assert not rows.any() or np.abs(reduced.multipliers(q, v2, T)[rows]).max() > 0.01
-
-
-# ---------------------------------------------------------------------- systems at random
 
 
 def drawn(seed: int) -> Recipe:
@@ -230,9 +221,6 @@ def test_a_momentum_that_is_kept_where_nobody_knows():
     assert rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("disc")]).r == 1
     with pytest.raises(rnc.ConstraintError, match=r"'disc' has to be zero, .* JointModelPlanar on 'lift'"):
         rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("disc", [1.0, 0.0, 0.0])])
-
-
-# ---------------------------------------------------------------------- momenta that are not zero
 
 
 @pytest.mark.parametrize(("make", "axes", "given"), [

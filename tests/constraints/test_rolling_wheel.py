@@ -15,9 +15,6 @@ from textbook_systems import differential_drive
 RADIUS, MASS = 0.2, 3.0
 
 
-# ---------------------------------------------------------------------- wheels on a steered fork
-
-
 def test_a_caster_follows_its_trail():
     """Closed form: on an upright fork with trail d, ``d (w + deltadot) = w L cos(delta) - u sin(delta)``."""
     model = pin.Model()

@@ -45,9 +45,6 @@ def both(severity, amount):
     return [(f"wheel_{side}", severity, amount) for side in ("left", "right")]
 
 
-# ---------------------------------------------------------------------- heights
-
-
 BELOW = rnc.GroundPlane(point=(3.0, 1.0, -0.08), velocity=(1, 0, 0))
 CONVEYOR = rnc.GroundPlane(velocity=(0.3, 0.0, 0.0))
 
@@ -133,8 +130,6 @@ def test_a_run_with_a_radius_that_does_not_fit_is_degraded(tmp_path, call, radiu
     said = call("inspect", tmp_path / "cart.yaml", "--samples", 4)[2].replace("\n", " ")
     assert all(each in said for each in warned)
 
-
-# ---------------------------------------------------------------------- no false alarm
 
 BUILT_IN = [path.stem for path in sorted(find_scenario("tiago").parent.glob("*.yaml"))]
 

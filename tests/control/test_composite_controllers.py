@@ -44,10 +44,8 @@ def test_forces_on_some_outputs_come_from_the_actuators_that_are_on():
             assert command.T[i, place] == pytest.approx(drive[TIP, place] @ asked.F[i])
         T = np.zeros(reduced.p)
         T[places] = drive[TIP][:, places].T @ [0.8, -1.9]
-        moved = (reduced.forward_dynamics(q[i], np.zeros(3), T) - reduced.forward_dynamics(q[i], np.zeros(3), 0 * T))[
-            TIP
-        ]
-        np.testing.assert_allclose(M[i] @ moved, [0.8, -1.9], atol=1e-8)
+        moved = reduced.forward_dynamics(q[i], np.zeros(3), T) - reduced.forward_dynamics(q[i], np.zeros(3), 0 * T)
+        np.testing.assert_allclose(M[i] @ moved[TIP], [0.8, -1.9], atol=1e-8)
     said = law.describe()
     assert (said["type"], said["active"]) == ("JacobianTransposeController", ON)
     assert said["tracker"] == tracker.describe()

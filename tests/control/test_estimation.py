@@ -53,12 +53,8 @@ def test_estimates_take_the_step_of_the_law_within_their_bounds():
     for sign, edge in ((1.0, [1.1, 1.99]), (-1.0, [0.9, 2.01])):
         pull = Measurement(q=np.array([1.0, 2.0, 3.0]), v=np.array([3.0, 1.0, -1 / 3]) + sign * np.array([0, 0, 9.0]))
         assert held.step(9.0, pull, held.initial_state()._replace(time=0.0))[0].p.tolist() == edge
-    assert free.describe() == {
-        "alpha": 0.7,
-        "dead_zone": 0.0,
-        "initial": {"one": 1.0, "two": 2.0},
-        "bounds": [[0.1, 0.1], [50.0, 60.0]],
-    }
+    settings = {"alpha": 0.7, "dead_zone": 0.0, "bounds": [[0.1, 0.1], [50.0, 60.0]]}
+    assert free.describe() == {**settings, "initial": {"one": 1.0, "two": 2.0}}
     with pytest.raises(rnc.InputError, match="time runs backwards: 2 s after 3 s"):
         free.step(2.0, measured, first)
 
@@ -123,9 +119,8 @@ def test_a_controller_under_estimates_sees_their_kinematics_and_is_allocated_by_
     force = np.array([1.0, -2.0])
     inner = Watcher(F=force, v2_desired=force) if by_force else Watcher(T=force)
     law = UncertainController(Believer(), inner)
-    m = Measurement(
-        q=np.array([7.0]), v2=np.array([8.0, 9.0]), A_star=np.zeros((1, 2)), residual=np.ones(1), input_deficit=force
-    )
+    others = {"A_star": np.zeros((1, 2)), "residual": np.ones(1), "input_deficit": force}
+    m = Measurement(q=np.array([7.0]), v2=np.array([8.0, 9.0]), **others)
     command, state = law.step(0.5, m, law.initial_state(m))
     assert command.F is None
     assert command.T.tolist() == ([3.0, -6.0] if by_force else [1.0, -2.0])

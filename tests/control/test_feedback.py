@@ -32,6 +32,9 @@ def test_an_output_without_a_value_needs_none_where_nothing_is_fed_back():
         words = r"without a value: it is a quasi-velocity, .* measure\(q, v2, integrals\)"
         with pytest.raises(rnc.InputError, match=words):
             fed_back(gain, error, error)
+    orientation = Feedback(Coordinates([0, 0, 0], [0]), 0.0)
+    absent = ReferencePoint(np.full(3, np.nan), *np.zeros((3, 3)))
+    np.testing.assert_array_equal(orientation(absent, np.zeros(3), np.ones(3))[0], np.zeros(3))
 
 
 @pytest.mark.parametrize("gain", [2.0, np.array([1.5, 0.0, 0.7])])
@@ -57,15 +60,6 @@ def test_feedback_compares_angles_within_a_half_turn(gain):
             law(desired._replace(position=np.array([0.0, 0.0, np.nan])), x, np.zeros_like(x))
 
 
-def test_goals_of_orientations_may_be_absent_where_the_gain_is_zero():
-    feedback = Feedback(Coordinates([0, 0, 0], [0]), 0.0)
-    desired = ReferencePoint(np.full(3, np.nan), *np.zeros((3, 3)))
-    np.testing.assert_allclose(feedback(desired, np.zeros(3), np.ones(3))[0], np.zeros(3), rtol=0, atol=0)
-
-
-# ---------------------------------------------------------------------- dead zones
-
-
 def test_what_is_beyond_a_zone_is_no_longer_than_the_true_error():
     """Noise within the zone is taken away: zero, or the true error shortened, entry by entry."""
     generator, zone = np.random.default_rng(0), np.array([0.1, 0.5, 0.0])
@@ -76,9 +70,6 @@ def test_what_is_beyond_a_zone_is_no_longer_than_the_true_error():
     assert share.max() <= 1.0 + 1e-12
     assert np.abs(true - learnt_from).max() <= 2 * zone.max() + 1e-12
     np.testing.assert_array_equal(apply_dead_zone(true, 0.0), true)
-
-
-# ---------------------------------------------------------------------- delay
 
 
 def test_the_mask_has_outputs_whose_force_would_grow_towards_the_deficit():

@@ -56,12 +56,8 @@ def test_gains_scaled_to_an_inertia_are_those_of_the_window():
             VelocityGains.scaled(reduced, region, 0.002, GainDesign(bandwidth=bandwidth, slowest=2.0))
     one = VelocityGains.scaled(reduced, region, 0.002, GainDesign(adaptation=1.0), outputs=np.array([1]))
     assert one.k == pytest.approx([0.5 * 100.0 * 8.0])
-    alone = VelocityGains.scaled(
-        SimpleNamespace(at=lambda q: SimpleNamespace(H=UNEVEN[1:][: len(q)])),
-        np.zeros(3),
-        0.002,
-        GainDesign(adaptation=1.0),
-    )
+    second = SimpleNamespace(at=lambda q: SimpleNamespace(H=UNEVEN[1:][: len(q)]))
+    alone = VelocityGains.scaled(second, np.zeros(3), 0.002, GainDesign(adaptation=1.0))
     assert alone.k == pytest.approx([400.0, 1600.0])
     with pytest.raises(rnc.ConfigurationError, match=r"delay of a loop has to be a time \[s\], not negative"):
         VelocityGains.scaled(reduced, region, 0.002, GainDesign(delay=-1e-9))

@@ -42,9 +42,8 @@ def test_the_end_of_a_chord_between_two_places_is_on_the_cubic_through_them():
         np.testing.assert_allclose(point, expected, rtol=1e-10, atol=1e-11)
         for length, place in ((0.5 * nearest, 1.0), (1.5 * farthest, 0.0)):  # beyond the places: the nearer one
             point, d, dd = chord_end_between(begin, end, px, py, length), curve(place, 1), curve(place, 2)
-            np.testing.assert_allclose(
-                point, [*curve(place), np.arctan2(d[1], d[0]), curvature_of(d, dd)], rtol=1e-11, atol=1e-12
-            )
+            expected = [*curve(place), np.arctan2(d[1], d[0]), curvature_of(d, dd)]
+            np.testing.assert_allclose(point, expected, rtol=1e-11, atol=1e-12)
 
 
 def driven(count, spacing, noise, seed, turn=0.8):

@@ -90,9 +90,6 @@ def test_rate_free_form_is_the_papers_laws_with_rates():
     np.testing.assert_allclose(command.F, F, rtol=5e-3, atol=5e-3)
 
 
-# ---------------------------------------------------------------------- section 4.1
-
-
 WHERE, ANGULAR = np.array([2, 0]), np.array([False, True])
 
 
@@ -135,10 +132,8 @@ def test_a_position_tracker_takes_the_step_of_its_law_output_by_output(sigma, zo
         rate = np.concatenate([[0], now.jerk, now.acceleration])
         primed = np.concatenate([[begin.f[i, j]], begin.A[i, j], begin.B[i, j]])
         step = gains.beta[j] * e[i, j]
-        new = (
-            learnt_over(elapsed, sigma, primed, gains.beta[j] * q[i, j] * by - step * rate - sigma * step * by)
-            + step * by
-        )
+        source = gains.beta[j] * q[i, j] * by - step * rate - sigma * step * by
+        new = learnt_over(elapsed, sigma, primed, source) + step * by
         quiet = abs(e[i, j]) < np.broadcast_to(zone, 2)[j]
         stays = quiet or (clipped and excess[i, WHERE[j]] * ((new - learnt[i, j]) @ by) > 0)
         kinds.add(bool(stays))

@@ -7,7 +7,7 @@ import pytest
 import rnc_pin as rnc
 from controlled_tasks import TASK
 from refusals import refused
-from systems import fire_truck, mobile_manipulator, sleigh
+from systems import fire_truck, mobile_manipulator
 
 
 def refusals():
@@ -36,6 +36,11 @@ def refusals():
             "the reducing reference has to be one such as rnc.planning.Hold(values), found [1.0, 0.0]"),
         (lambda: rnc.control.RedundancyController(manipulator, hold, hold),
             "task: expected a Task, see rnc.Task.of, found ReducedModel"),
+        *((make, rnc.ConfigurationError, "target: expected a kinematic controller, such as rnc.control") for make in (
+            lambda: rnc.control.VelocityTracker(hold),
+            lambda: rnc.control.ComputedTorque(manipulator, hold),
+            lambda: rnc.control.ComputedTorque(hold, manipulator),
+            lambda: rnc.control.VelocityTracker(rnc.control.ReducingOutputController))),
         (lambda: rnc.control.VelocityTracker(forces.target, {"k": 10.0}),
             "gains: expected VelocityGains, found a mapping with keys k"),
         (lambda: rnc.control.VelocityTracker(forces.target, rnc.control.VelocityGains(k=[-1.0, 1.0, 1.0, 1.0])),
@@ -63,15 +68,6 @@ def refusals():
 
 
 test_what_is_refused_is_said = refused(refusals())
-
-
-NO_TARGET = "target: expected a kinematic controller, such as rnc.control"
-test_what_is_no_target_is_refused_when_the_controller_is_made = refused([
-    (lambda reduced, hold: rnc.control.VelocityTracker(hold), NO_TARGET),
-    (lambda reduced, hold: rnc.control.ComputedTorque(reduced, hold), NO_TARGET),
-    (lambda reduced, hold: rnc.control.ComputedTorque(hold, reduced), NO_TARGET),
-    (lambda reduced, hold: rnc.control.VelocityTracker(rnc.control.ReducingOutputController), NO_TARGET),
-], lambda make: make(sleigh(), rnc.planning.Hold([1.0, 0.0])), rnc.ConfigurationError)  # fmt: skip
 
 
 def test_servos_refuse_constraints_that_depend_on_time():

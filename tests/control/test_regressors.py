@@ -114,8 +114,6 @@ def test_masses_that_cannot_be_estimated_are_refused():
     assert str(caught.value) == "no body of known mass turns with joint 'platform'"
 
 
-# ---------------------------------------------------------------------- wheels
-
 TURNED = pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.4, 0.5), np.array([0.02, -0.03, 0.05]))
 
 

@@ -14,8 +14,6 @@ from rnc_pin.model.state_evaluation import kinematic_gradient
 from systems import fire_truck, random_states
 from tolerances import FINITE_DIFFERENCE
 
-# ---------------------------------------------------------------------- controller
-
 
 def test_gradient_of_the_kinematics_is_exact():
     reduced = fire_truck()
@@ -24,17 +22,11 @@ def test_gradient_of_the_kinematics_is_exact():
         for column, output in enumerate((1, 2)):
             v = reduced.terms(q, np.eye(3)[output]).v
             h = 1e-4
-            A = [
-                reduced.terms(pin.integrate(reduced.robot.model, q, k * h * v), np.zeros(3)).A_star
-                for k in (-2, -1, 1, 2)
-            ]
+            moved = (pin.integrate(reduced.robot.model, q, k * h * v) for k in (-2, -1, 1, 2))
+            A = [reduced.terms(each, np.zeros(3)).A_star for each in moved]
             difference = (A[0] - 8 * A[1] + 8 * A[2] - A[3]) / (12 * h)
-            np.testing.assert_allclose(
-                gradient[..., column], difference, atol=FINITE_DIFFERENCE * (1 + np.abs(A[0]).max())
-            )
-
-
-# ---------------------------------------------------------------------- class 2
+            rounding = FINITE_DIFFERENCE * (1 + np.abs(A[0]).max())
+            np.testing.assert_allclose(gradient[..., column], difference, atol=rounding)
 
 
 PLACES = ([3, 0, 5], [4, 1], [2, 0])

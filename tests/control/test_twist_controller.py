@@ -81,9 +81,6 @@ def twist_of(reduced, v, frame="base"):
     return np.array([*velocity.linear[:2], velocity.angular[2]])
 
 
-# ---------------------------------------------------------------------- closed forms
-
-
 @pytest.mark.parametrize("forward", [0.4, -0.4])
 @pytest.mark.parametrize("name", KINDS)
 def test_wheels_and_pivots_have_the_closed_forms_of_their_base(name, forward):
@@ -148,9 +145,6 @@ def test_a_pivot_ahead_of_its_axle_follows_as_a_powered_caster():
     expected |= {f"drive_{side}_joint": (along - turning * y) / RADIUS for side, y in (("l", 0.15), ("r", -0.15))}
     np.testing.assert_allclose(command.joints, [expected[name] for name in controller.joints], atol=1e-7)
     np.testing.assert_allclose(command.twist, [vx, vy, w], atol=1e-9)
-
-
-# ---------------------------------------------------------------------- loops
 
 
 def driven(controller, plant, twist, state, samples):
@@ -314,9 +308,6 @@ def test_a_program_aims_beside_angles_at_which_the_axles_are_in_line(sign):
     assert np.abs(turn).max() < np.arctan2(0.3, 0.2)  # of both sides of the goal, the one with the shorter turns
 
 
-# ---------------------------------------------------------------------- limits
-
-
 def rolls_within(twist, name, largest):
     """True if each wheel on a pivot has an angle of at most ``largest``, forwards or backwards."""
     for each in KINDS[name].wheels.values():
@@ -434,9 +425,6 @@ def test_a_trailer_at_the_limit_of_its_hitch_stops_the_car():
     assert abs(reduced.robot.joint_values(plant.q)["hitch"]) == pytest.approx(1.2, abs=2e-3)
     assert np.abs(commands[-1].twist).max() < 0.02
     assert ("range", "hitch") in {(each.kind, each.name) for each in commands[-1].cuts}
-
-
-# ---------------------------------------------------------------------- refusals
 
 
 def test_a_base_has_three_velocities_in_the_plane_and_enough_motors():

@@ -9,16 +9,13 @@ from rnc_pin.control.unicycle_stabilizer import DrivingState
 from rnc_pin.model.evaluation_results import Measurement
 from tolerances import ROUNDING
 
-# ---------------------------------------------------------------------- unicycle
-
 GOAL = np.array([0.4, -0.7, 2.0])
 WHERE = np.array([2, 0])  # x and y in x1, neither first nor in order
 
 
 def unicycle(**settings):
-    return UnicycleStabilizer(
-        GOAL, WHERE, **{"k": 0.5, "rate": 1.5, "ramp_time": 0.0, "max_speed": (1e9, 1e9), **settings}
-    )
+    fast = {"k": 0.5, "rate": 1.5, "ramp_time": 0.0, "max_speed": (1e9, 1e9)}
+    return UnicycleStabilizer(GOAL, WHERE, **{**fast, **settings})
 
 
 def seen(x, y, turn, v2=(0.0, 0.0)):
@@ -86,17 +83,15 @@ def test_a_unicycle_slows_its_whole_motion_down_to_its_limits():
     """By one factor, so that its path is the one without limits; the rate is exact there too."""
     free, held, step = unicycle(), unicycle(max_speed=(0.3, 0.7)), 1e-5
     state = DrivingState(0.0, False, False)
-    for x, y, turn, speed, spin in np.random.default_rng(4).uniform(
-        [-1.5, -0.2, -0.4, -1, -1], [-0.2, 0.2, 0.4, 1, 1], (8, 5)
-    ):
+    low, high = [-1.5, -0.2, -0.4, -1, -1], [-0.2, 0.2, 0.4, 1, 1]
+    for x, y, turn, speed, spin in np.random.default_rng(4).uniform(low, high, (8, 5)):
         at = [
             seen(x + s * speed * np.cos(turn), y + s * speed * np.sin(turn), turn + s * spin, (speed, spin))
             for s in (0, -step, step)
         ]
         (v, w), target = free.step(1.0, at[0], state)[0].v2, held.step(1.0, at[0], state)[0]
-        np.testing.assert_allclose(
-            target.v2, np.array([v, w]) / np.sqrt(1 + (v / 0.3) ** 2 + (w / 0.7) ** 2), rtol=1e-12
-        )
+        factor = np.sqrt(1 + (v / 0.3) ** 2 + (w / 0.7) ** 2)
+        np.testing.assert_allclose(target.v2, [v / factor, w / factor], rtol=1e-12)
         behind, ahead = (held.step(1.0, each, state)[0].v2 for each in at[1:])
         np.testing.assert_allclose(target.v2_dot, (ahead - behind) / (2 * step), atol=1e-6)
 
@@ -177,9 +172,8 @@ def test_a_unicycle_turns_about_where_that_halves_what_its_angles_cost():
             x, y = -np.cos(b), -side * np.sin(b)
             for backwards in (False, True):
                 at = seen(-x if backwards else x, y, 0.0)
-                assert stabilizer.step(1.0, at, DrivingState(0.0, False, backwards))[1].backwards == (
-                    backwards != about
-                )
+                after = stabilizer.step(1.0, at, DrivingState(0.0, False, backwards))[1]
+                assert after.backwards == (backwards != about)
     for x, y, turn in np.random.default_rng(6).uniform(-3, 3, (40, 3)):  # both angles, each with its weight
         costs = [law(x, y, turn, way, 0.5, 1.5)[1] for way in (False, True)]
         first = stabilizer.step(1.0, seen(x, y, turn), DrivingState(np.nan, False, False))[1]
@@ -226,9 +220,8 @@ def test_a_unicycle_at_its_goal_turns_only(backwards):
 def test_a_unicycle_at_the_edge_of_what_makes_sense(settings, words):
     with pytest.raises(rnc.ConfigurationError, match=words):
         UnicycleStabilizer(GOAL, WHERE, **settings)
-    assert (
-        UnicycleStabilizer(GOAL, WHERE, k=1e-9, ramp_time=0.0, tolerance=1e-9, max_speed=(1e-9, 1e-9)).ramp_time == 0.0
-    )
+    least = {"k": 1e-9, "ramp_time": 0.0, "tolerance": 1e-9, "max_speed": (1e-9, 1e-9)}
+    assert UnicycleStabilizer(GOAL, WHERE, **least).ramp_time == 0.0
     with pytest.raises(rnc.InputError, match="position and heading have to be given"):
         unicycle().initial_state(seen(0.0, np.nan, 0.0))
 

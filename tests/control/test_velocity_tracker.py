@@ -11,13 +11,10 @@ from simple_controllers import Counting, Memoryless
 from systems import space_robot_in_joints
 
 
-def oscillation(amplitude, frequency):
+def oscillation(r):
     """Return a velocity target that never rests: every joint at a frequency of its own."""
-    reference = rnc.planning.Harmonic(np.zeros(len(amplitude)), amplitude, frequency, ramp=1.0)
+    reference = rnc.planning.Harmonic(np.zeros(r), 0.4 * np.ones(r), 0.2 + 0.07 * np.arange(r), ramp=1.0)
     return Memoryless(lambda t, _: VelocityTarget(v2=reference.at(t).velocity, v2_dot=reference.at(t).acceleration))
-
-
-# ---------------------------------------------------------------------- (10)
 
 
 def test_velocity_error_converges_to_a_ball_that_shrinks_as_the_gains_grow():
@@ -26,9 +23,7 @@ def test_velocity_error_converges_to_a_ball_that_shrinks_as_the_gains_grow():
     q0 = reduced.robot.configuration({"joint_2": 1.2, "joint_3": -0.8})
     balls = []
     for k in (40.0, 120.0, 360.0):
-        tracker = VelocityTracker(
-            oscillation(0.4 * np.ones(reduced.r), 0.2 + 0.07 * np.arange(reduced.r)), VelocityGains(k=k, beta=k)
-        )
+        tracker = VelocityTracker(oscillation(reduced.r), VelocityGains(k=k, beta=k))
         run = rnc.simulate(reduced, tracker, q0, 8.0, 0.004, v2_0=np.array([0.5, -0.5, 0.5]))
         error = np.linalg.norm(run.v2_desired - run.v2, axis=1)
         balls.append(error[run.time > 4.0].max())
@@ -55,9 +50,6 @@ def test_small_steps_are_the_papers_laws():
     np.testing.assert_allclose(command.F, C @ v2d_dot + D @ w + g + 7.0 * e, atol=1e-5)
 
 
-# ---------------------------------------------------------------------- protocol
-
-
 def test_a_tuned_tracker_is_what_one_would_write_by_hand():
     reduced, kinematic, q0 = space_robot_task()
     tracker = rnc.tuned_tracker(reduced, kinematic, q0, 2.0, dt=0.004, design=rnc.control.GainDesign(adaptation=3.0))
@@ -65,10 +57,7 @@ def test_a_tuned_tracker_is_what_one_would_write_by_hand():
     np.testing.assert_allclose(tracker.gains.k, expected.k)
     np.testing.assert_allclose(tracker.gains.beta, 3.0 * expected.k)
     design = rnc.control.GainDesign(bandwidth=20.0)
-    slower = rnc.tuned_tracker(
-        reduced, oscillation(0.4 * np.ones(reduced.r), 0.2 + 0.07 * np.arange(reduced.r)), q0, 2.0, 0.004,
-        along=kinematic, design=design,
-    )  # fmt: skip
+    slower = rnc.tuned_tracker(reduced, oscillation(reduced.r), q0, 2.0, 0.004, along=kinematic, design=design)
     np.testing.assert_allclose(slower.gains.k / slower.gains.k[0], expected.k / expected.k[0])
     with pytest.raises(rnc.InfeasibleError, match="sample faster"):
         rnc.tuned_tracker(reduced, kinematic, q0, 2.0, dt=0.2)
@@ -133,9 +122,8 @@ def test_gains_of_modes_are_gains_of_outputs_that_combine_the_others():
     joints = robot.joint_names
     system = rnc.NonholonomicSystem(robot, [], joints)
     S = np.linalg.cholesky(np.cov(np.random.default_rng(2).normal(size=(4, 12)))) + 0.1
-    combined = rnc.Output(
-        lambda q: S.T @ q, lambda q: S.T, lambda q, v: np.zeros((4, 4)), [f"mode_{k}" for k in range(4)]
-    )
+    names = [f"mode_{k}" for k in range(4)]
+    combined = rnc.Output(lambda q: S.T @ q, lambda q: S.T, lambda q, v: np.zeros((4, 4)), names)
     in_joints, in_modes = system.reduce([rnc.JointPosition(name) for name in joints]), system.reduce([combined])
     q0 = robot.configuration({"joint_2": 1.2, "joint_3": -0.8})
     k, beta, zone = np.array([60.0, 90.0, 40.0, 70.0]), np.array([200.0, 100.0, 300.0, 50.0]), 0.01
@@ -143,14 +131,13 @@ def test_gains_of_modes_are_gains_of_outputs_that_combine_the_others():
     swing = rnc.planning.MinimumJerk(q0, goal, duration=1.0)
     turned = rnc.planning.MinimumJerk(S.T @ q0, S.T @ goal, duration=1.0)
     force = np.array([3.0, -2.0, 1.0, 0.5])
-    of_modes = VelocityTracker(
-        ReducingOutputController(in_joints, swing, k2=2.0), VelocityGains(k, beta, 0.2, zone, S), force
-    )
-    alone = VelocityTracker(
+    target = ReducingOutputController(in_joints, swing, k2=2.0)
+    of_modes = VelocityTracker(target, VelocityGains(k, beta, 0.2, zone, S), force)
+    target, gains = (
         ReducingOutputController(in_modes, turned, k2=2.0),
         VelocityGains(k, beta, 0.2, np.abs(S.T) @ np.full(4, zone)),
-        np.linalg.solve(S, force),
     )
+    alone = VelocityTracker(target, gains, np.linalg.solve(S, force))
     limited = [rnc.ReducedPlant(each, actuator_limits=True) for each in (in_joints, in_modes)]
     one = rnc.simulate(in_joints, of_modes, q0, 1.0, plant=limited[0])
     other = rnc.simulate(in_modes, alone, q0, 1.0, plant=limited[1])

@@ -102,9 +102,6 @@ def test_energy_less_work_is_constant_whatever_is_wrong(kind):
     np.testing.assert_allclose(run.energy[own], expected[own], rtol=1e-12)
 
 
-# ---------------------------------------------------------------------- in scenarios
-
-
 def experiment(name, **options):
     return Scenario.load(
         name, {"comparisons": {}, **{key.replace("__", "."): value for key, value in options.items()}}

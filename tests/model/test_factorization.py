@@ -195,9 +195,6 @@ def test_the_first_state_that_is_singular_is_told_with_the_rows_that_matter():
     np.testing.assert_array_equal(resting(short).scaled_stack, np.diag([1.0, -1.0, 0.5]))
 
 
-# ---------------------------------------------------------------------- forces
-
-
 def held(rows, T, lengths, masses=(2.0, 3.0, 5.0), count=None):
     """Bodies on rails that rows of which the first two count keep from moving, but for the last; pushed by T."""
     parts = on_rails(rows, (0, 1), [[0, 0, 1.0]], 1e8, lengths, False, masses, ["s0", "s1", "s2"])

@@ -11,8 +11,6 @@ from rnc_pin.model.rows import ConstantRows, FrameAnchor, GroundContact, JointCo
 from systems import rolling_base
 from textbook_systems import Bound, Flat, sliders
 
-# ---------------------------------------------------------------------- rows, stacks and couplings
-
 
 def test_a_stack_of_some_rows_is_what_its_blocks_say_one_by_one():
     """Rows that vary and rows that do not, kept in part and out of line, of one state and of many."""

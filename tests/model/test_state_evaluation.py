@@ -31,9 +31,6 @@ def states_of(reduced, count=6):
     return q, v2
 
 
-# ---------------------------------------------------------------------- a value
-
-
 def test_one_velocity_at_many_configurations_and_many_at_one():
     reduced = space_robot()
     q, v2 = states_of(reduced)
@@ -73,9 +70,6 @@ def test_a_configuration_has_no_velocity():
     assert not hasattr(position, "jacobian_dot")
     with pytest.raises(rnc.InputError, match=r"'v' needs a velocity: use at\(q, v2\)"):
         _ = space_robot().at(position.q).v
-
-
-# ---------------------------------------------------------------------- as measured
 
 
 # ---------------------------------------------------------------------- what has no value
@@ -129,9 +123,6 @@ def test_an_integral_that_a_task_needs_is_asked_for():
     assert np.isfinite(target.v2).all()
 
 
-# ---------------------------------------------------------------------- rows that vanish, forces that are shared
-
-
 def two_joints():
     """A planar arm whose tip is on the way of joint 1 alone: y = sin j1."""
     model = pin.Model()
@@ -166,9 +157,6 @@ def test_a_continuous_joint_keeps_its_turns_however_seldom_it_is_sampled():
     reduced = rnc.NonholonomicSystem(rnc.Robot(model), [], ["rotor"]).reduce([rnc.JointPosition("rotor")])
     run = rnc.free_motion(reduced, reduced.robot.configuration(), np.array([4.0]), 20.0, 1.0)
     np.testing.assert_allclose(run.x2[:, 0], 4.0 * run.time, atol=1e-6)
-
-
-# ---------------------------------------------------------------------- without outputs
 
 
 def test_without_outputs_no_velocities_are_ever_dependent():
@@ -206,9 +194,6 @@ def test_a_linear_model_without_outputs_has_the_same_eigenvalues():
         T = named.allocate(q, named.inverse_dynamics(q, np.zeros(1), np.zeros(1)))
         expected = rnc.linearize(named, q, T=T).eigenvalues
         np.testing.assert_allclose(rnc.linearize(free, q, T=T).eigenvalues, expected, atol=1e-7)
-
-
-# ---------------------------------------------------------------------- read-only
 
 
 def test_quantities_are_computed_once_and_read_only():

@@ -24,9 +24,6 @@ def space(**changes):
     return rnc.NonholonomicSystem(robot, **{**given, **changes})
 
 
-# ---------------------------------------------------------------------- meaning
-
-
 def test_tiago_has_six_contact_rows_of_rank_three():
     reduced = tiago()
     assert reduced.m == 3
@@ -34,9 +31,6 @@ def test_tiago_has_six_contact_rows_of_rank_three():
     reasons = [row.reason for row in reduced.dropped_rows]
     assert reasons[0] == reasons[2] == "zero at every configuration"
     assert reasons[1] == "a combination of lateral(wheel_left_link)"
-
-
-# ---------------------------------------------------------------------- what is refused
 
 
 test_what_does_not_fit_is_refused_in_one_line = refused([
@@ -73,9 +67,6 @@ def test_rank_counts_where_a_robot_stands_and_not_upside_down(tmp_path):
     wheels = [rnc.RollingWheel(name, 0.1, ground=curb if name[0] == "f" else None) for name in places]
     system = rnc.NonholonomicSystem(rnc.Robot.from_urdf(file, base="free"), wheels)
     assert (system.n, system.m) == (10, 9)
-
-
-# ---------------------------------------------------------------------- singular and wrong states
 
 
 def test_next_to_a_singular_configuration_the_answer_is_still_right():

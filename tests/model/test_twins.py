@@ -146,9 +146,6 @@ def test_random_systems(recipe):
     compare(reduced, q, v2, size)
 
 
-# ---------------------------------------------------------------------- steps and rows over time
-
-
 def body_on_a_joint(joint_model):
     model = pin.Model()
     add_body(model, "root_joint", joint_model, 1.0, com=(0.1, 0.2, 0.3), moments=(1.0, 1.5, 2.0))
@@ -229,9 +226,6 @@ def test_rows_over_time():
     np.testing.assert_allclose(found[1], y, rtol=1e-9, atol=1e-9)
 
 
-# ---------------------------------------------------------------------- tasks, limits, laws
-
-
 @pytest.mark.parametrize("name", TASKS | LIMITS)
 def test_tasks_and_limits(name, monkeypatch):
     """Rows of a bound task or limit; each has at least one row."""
@@ -258,9 +252,6 @@ def test_functions_of_the_library(name, monkeypatch):
     for one, other in zip(found, expected, strict=True):
         scale = max(1.0, np.abs(np.nan_to_num(other)).max(initial=0.0))
         np.testing.assert_allclose(one, other, rtol=0, atol=tolerance * scale)
-
-
-# ---------------------------------------------------------------------- nothing is missing
 
 
 def test_each_kind_has_a_reduction(monkeypatch):

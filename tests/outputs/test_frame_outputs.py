@@ -154,9 +154,6 @@ def rotation(robot, frame, q):
     return data.oMf[robot.frame_id(frame)].rotation.copy()
 
 
-# ---------------------------------------------------------------------- FrameTilt
-
-
 @pytest.mark.parametrize("axis", AXES)
 def test_a_tilt_is_the_angle_above_the_horizon(axis, arm):
     reduced = free_of(arm, [rnc.FrameTilt("hand", axis)])
@@ -165,9 +162,6 @@ def test_a_tilt_is_the_angle_above_the_horizon(axis, arm):
     for q, _ in states(arm):
         height = rotation(arm, "hand", q)[2, AXES.index(axis)]
         np.testing.assert_allclose(reduced.at(q).outputs()[0], [np.arcsin(height)], atol=ROUNDING)
-
-
-# ---------------------------------------------------------------------- FrameAngularVelocity
 
 
 @pytest.mark.parametrize("axes", ["own", "world"])

@@ -70,9 +70,6 @@ def test_moderate_damping_keeps_the_order_four():
     np.testing.assert_allclose(run.energy - run.work, run.energy[0], atol=1e-6)
 
 
-# ---------------------------------------------------------------------- dry friction
-
-
 @pytest.mark.parametrize("dt", [0.5, 0.1, 0.02, 0.003])
 def test_a_mass_slides_to_rest_and_stays_there(dt):
     """It stops after v m / mu at v^2 m / 2 mu, in the middle of a step."""
@@ -166,9 +163,6 @@ def test_losses_of_a_conserved_momentum_are_refused(effects, name):
         rnc.simulate(
             reduced, Inputs(lambda t: np.zeros(3)), robot.configuration(), 0.1, plant=ReducedPlant(reduced, **effects)
         )
-
-
-# ---------------------------------------------------------------------- the record
 
 
 def test_contact_forces_count_damping_and_friction():

@@ -119,9 +119,6 @@ def test_what_a_run_will_say_is_looked_up_before_it_runs(monkeypatch):
         idle_run(observer=lambda sample: pytest.fail("it ran"))
 
 
-# ---------------------------------------------------------------------- what records say of the computer
-
-
 def test_the_run_of_a_built_in_scenario_names_no_folder(tmp_path, monkeypatch):
     run = execute(Scenario.load("space-robot", SHORT)).trajectory
     assert "folder" not in run.meta

@@ -40,8 +40,6 @@ def fresh(make):
     return inspect.unwrap(make)()
 
 
-# ---------------------------------------------------------------------- tasks and limits
-
 HAND, REACH = rnc.FramePosition("arm_7_link"), Hold([1.5, 1.0, 1.2])
 TASKS = {
     "output": (tiago, tasks.OutputTask(HAND, REACH, gain=3.0)),
@@ -96,9 +94,6 @@ def programs():
     return found
 
 
-# ---------------------------------------------------------------------- distances and frames
-
-
 def distances():
     """Distances and rates along a path of TIAGo: which pairs are near is a part of it."""
     reduced, found = fresh(lambda: rnc.NonholonomicSystem(tiago().robot).reduce()), []
@@ -129,9 +124,6 @@ def frames():
         for frame in range(0, reduced.robot.model.nframes, 3):
             found += [at.placement(frame).rotation, at.placement(frame).translation, at.jacobian(frame)]
     return found
-
-
-# ---------------------------------------------------------------------- optimal control
 
 
 def riccati():

@@ -89,9 +89,6 @@ def signal(generator: np.random.Generator) -> Signal:
     return lambda time: 0.1 + sum(a * np.sin(w * time + p) for a, w, p in zip(size, rate, phase, strict=True))
 
 
-# ---------------------------------------------------------------------- files
-
-
 def _link(name: str) -> str:
     moments = 'ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"'
     return f'<link name="{name}"><inertial><mass value="5"/><inertia {moments}/></inertial></link>'
@@ -115,8 +112,6 @@ def _file(numbers: Numbers, *parts: tuple[str, str, tuple[float, ...], str]) -> 
 Y, Z = "0 1 0", "0 0 1"
 SX, SY = SensorPlace("x"), SensorPlace("y")
 
-# ---------------------------------------------------------------------- differential drive
-
 
 def _differential(p: Numbers, u: list[np.ndarray]) -> tuple[np.ndarray, dict[str, object]]:
     left, right = 4 * u[0] + 2, 4 * u[1] + 2
@@ -132,8 +127,6 @@ DIFFERENTIAL = Vehicle(
     lambda p: [rnc.RollingWheel("left", p["rl"]), rnc.RollingWheel("right", p["rr"])],
     _differential,
 )
-
-# ---------------------------------------------------------------------- tricycle
 
 
 def _tricycle(p: Numbers, u: list[np.ndarray]) -> tuple[np.ndarray, dict[str, object]]:
@@ -153,8 +146,6 @@ TRICYCLE = Vehicle(
     lambda p: [rnc.RollingWheel("front", p["r"]), rnc.RollingWheel("rear", 0.1)],
     _tricycle,
 )  # fmt: skip
-
-# ---------------------------------------------------------------------- car with two steered and four measured wheels
 
 
 def _car(p: Numbers, u: list[np.ndarray]) -> tuple[np.ndarray, dict[str, object]]:

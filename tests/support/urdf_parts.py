@@ -69,9 +69,6 @@ def robot(*parts, name="unit_7"):
     return f'<robot name="{name}">{"".join(parts)}</robot>'
 
 
-# ---------------------------------------------------------------------- whole robots
-
-
 def cart(**axles):
     """Two wheels on each axle, of which a plugin drives those of the axle called rear; places of axles [m] by name."""
     places = {f"{end}_{side}": (x, y, 0) for end, x in axles.items() for side, y in (("left", 0.2), ("right", -0.2))}

@@ -131,9 +131,6 @@ COMMANDS = commands_of_pages()
 RUN = {text: each for text, each in COMMANDS.items() if not matching(NOT_HERE, text)}
 
 
-# ---------------------------------------------------------------------- every command is understood
-
-
 def source_of(words):
     """File of a script or a module of this repository; None of other programs. ``benchmarks NAME`` runs ``NAME``."""
     name = words[2].replace(".", "/") if words[1] == "-m" else words[1]
@@ -181,9 +178,6 @@ def test_command_is_understood(command, beside, monkeypatch):
         check(command)
     except click.UsageError as error:
         pytest.fail(f"{command.place}: {command.text}: {error.format_message()}; see the tables above")
-
-
-# ---------------------------------------------------------------------- commands run
 
 
 def type_in(line):

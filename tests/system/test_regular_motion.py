@@ -20,7 +20,6 @@ from tolerances import KKT, ROUNDING
 
 MOTION = 1e-8  # positions and velocities after seconds of free motion, against the reference's own integration
 
-# ---------------------------------------------------------------------- roller racer: outputs that become dependent
 
 L1, L2 = 1.0, 0.4  # rear axle to pivot, pivot to front axle [m]
 C1, C2 = 0.3, 0.15  # centres of mass, ahead of the rear axle and of the pivot [m]
@@ -122,7 +121,6 @@ def test_a_measurement_in_dependent_outputs_is_refused():
         assert np.isfinite(reduced.at(near, v[[0, 3]]).measure().v).all()
 
 
-# ---------------------------------------------------------------------- a car: rows that coincide when going straight
 # Straight, straight but for so little that rows are nearly dependent, and turning both ways, once very sharply.
 CURVATURES = [0.0, 1e-12, -1e-9, 3e-8, 1e-6, -1e-3, 0.2, -0.45, 1.1]
 

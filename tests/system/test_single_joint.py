@@ -58,9 +58,6 @@ def swing(request):
     return Swing(pendulum(kind, axis), a, inertia, weight)
 
 
-# ---------------------------------------------------------------------- names, values, configurations
-
-
 def test_one_joint_is_named_set_and_read(swing):
     robot, axis, *_ = swing
     assert (robot.velocity_names, robot.velocity_units) == (("hinge",), ("rad/s",))
@@ -74,9 +71,6 @@ def test_one_joint_is_named_set_and_read(swing):
         np.testing.assert_allclose(turned, pin.exp3(angle * axis), atol=ROUNDING)
     with pytest.raises(rnc.ModelError, match=r"joint 'hinge' takes 1 value, found 3$"):
         robot.configuration({"hinge": [1, 2, 3]})
-
-
-# ---------------------------------------------------------------------- dynamics, by hand
 
 
 def test_a_pendulum_moves_as_by_hand(swing):
@@ -110,9 +104,6 @@ def test_a_pendulum_is_back_after_its_period(swing):
     np.testing.assert_allclose(run.x2[[0, 500, 1000], 0], [1.5, -1.5, 1.5], atol=INTEGRATED)
     exact = rnc.free_motion(reduced_of(robot), q, np.zeros(1), period, period / 10)
     np.testing.assert_allclose(exact.q[-1], q, atol=INTEGRATED)
-
-
-# ---------------------------------------------------------------------- every output and constraint on one joint
 
 
 @pytest.mark.parametrize("kind", KINDS)

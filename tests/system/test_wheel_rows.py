@@ -47,9 +47,6 @@ def test_rows_are_drawn_where_they_act(name):
         np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0, atol=ROUNDING)
 
 
-# ---------------------------------------------------------------------- wheels with rollers, and wheels that skid
-
-
 def test_three_omni_wheels_turn_as_they_are_pushed_along_their_headings():
     """The textbook's matrix of a kiwi drive: radius * rate = heading . v + distance * yaw rate."""
     model, distance = rolling_base({}, WHEEL), 0.2
@@ -143,9 +140,6 @@ def test_radii_of_mecanum_wheels_can_be_estimated():
         np.testing.assert_allclose(believed.v, reduced.at(q, v2).v, atol=ROUNDING)
 
 
-# ---------------------------------------------------------------------- casters
-
-
 def test_a_caster_carries_its_share():
     """Two wheels and a caster on a free base: it stands at its height, and the moments about the axle balance."""
     robot = rnc.Robot.from_urdf("differential_drive.urdf", base="free")
@@ -167,9 +161,6 @@ def test_a_caster_carries_its_share():
     planar = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
     flat = rnc.NonholonomicSystem(planar, [*wheels, rnc.Caster("nose", 0.1)])
     assert ("vertical(nose)", "zero at every configuration") in {(row.name, row.reason) for row in flat.dropped_rows}
-
-
-# ---------------------------------------------------------------------- points beside frames
 
 
 def with_frames(robot, frames):
@@ -220,9 +211,6 @@ test_what_makes_no_sense_is_refused = refused([
     (rnc.RollingWheel("rear", 0.3, roller=np.nan), rnc.ConstraintError, "found nan rad"),
     (rnc.RollingWheel("rear", 0.3, roller=0, lateral=False), rnc.ConfigurationError, "omit one of them"),
 ], lambda kind: kind.bind(bicycle().robot))  # fmt: skip
-
-
-# ---------------------------------------------------------------------- the steering of a car
 
 
 @pytest.mark.parametrize("axis", [None, "y"])

@@ -55,9 +55,6 @@ def sample(t, q):
     return rnc.simulation.Sample(t, Measurement(q=q), rnc.control.Command(), np.empty(0))
 
 
-# ---------------------------------------------------------------------- who can connect
-
-
 def can_connect(host, port):
     try:
         socket.create_connection((host, port), timeout=2).close()
@@ -124,9 +121,6 @@ def test_nothing_listens_for_a_recording(robot, run, tmp_path):
 def test_what_counts_as_this_machine_only():
     addresses = ("127.0.0.1", "127.0.0.2", "::1", "localhost", "0.0.0.0", "::", "192.0.2.1", "nowhere.invalid")
     assert [is_loopback(address) for address in addresses] == [True] * 4 + [False] * 4
-
-
-# ---------------------------------------------------------------------- what a browser can do to a run
 
 
 def test_a_browser_that_reads_no_more_costs_no_memory():

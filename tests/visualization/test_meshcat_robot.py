@@ -82,9 +82,6 @@ def warned(call):
     return value, [str(each.message) for each in caught if issubclass(each.category, rnc.ModelWarning)]
 
 
-# ---------------------------------------------------------------------- missing meshes
-
-
 def test_meshes_that_cannot_be_had_cost_one_warning_that_names_the_remedy(gaps):
     robot, told = warned(lambda: rnc.Robot.from_urdf(gaps))
     assert told == []  # who does not draw is told nothing
@@ -118,9 +115,6 @@ def test_a_stand_in_has_the_inertia_of_its_link(gaps):
     assert robot.model.names[shape.parentJoint] == "broken_joint"
 
 
-# ---------------------------------------------------------------------- mirrored meshes
-
-
 def volume(triangles):
     """Of the body within a closed surface whose triangles are counterclockwise from outside [m^3]."""
     first, second, third = np.moveaxis(triangles, 1, 0)
@@ -148,8 +142,6 @@ def test_a_mirrored_mesh_is_drawn_mirrored_with_its_faces_outward(name, other, f
     np.testing.assert_allclose(corners.min(axis=0), expected.min(axis=0), atol=SINGLE_PRECISION)
     np.testing.assert_allclose(corners.max(axis=0), expected.max(axis=0), atol=SINGLE_PRECISION)
 
-
-# ---------------------------------------------------------------------- what fails in drawing
 
 SHORT = ["--set", "simulation.duration=0.2"]
 RUN = ["run", "space-robot", *SHORT, "--set", "comparisons={}", "--out"]
@@ -211,8 +203,6 @@ def test_a_robot_without_its_meshes_runs(tmp_path, monkeypatch, capfd):
     assert "1 mesh was not found: package 'nowhere' (1)" in line
     assert (tmp_path / "out" / "animation.html").is_file()
 
-
-# ---------------------------------------------------------------------- messages of the command
 
 HOOK = """
 import importlib.abc, os, signal, sys, time
@@ -276,8 +266,6 @@ def test_what_a_draft_says_to_do_next_can_be_pasted(call, tmp_path):
 def test_the_nearest_name_begins_like_the_one_given(name, valid, meant):
     assert rnc.errors.nearest(name, valid) == f"; did you mean '{meant}'?"
 
-
-# ---------------------------------------------------------------------- camera and floor
 
 FAR = 20.0  # [m]
 

@@ -69,9 +69,6 @@ def test_plots_are_written_by_their_ending(tmp_path, ending, start):
         save(Figure(figsize=(1, 1)), tmp_path / "plots.doc")
 
 
-# ---------------------------------------------------------------------- what a run shows by default
-
-
 @pytest.fixture(scope="module")
 def drive():
     """A second and a half of three trailers that turn off, and the same with another path."""
@@ -149,9 +146,6 @@ def test_of_a_hundred_joints_those_are_shown_that_move_most(run):
     assert [each.name for panel in angles for each in panel.series] == [f"joint_{k}" for k in range(82, 100)]
 
 
-# ---------------------------------------------------------------------- pictures and videos
-
-
 @pytest.fixture(scope="module")
 def recording(run):
     return Recording(rnc.Robot.from_urdf("space_robot.urdf"), run)
@@ -205,9 +199,6 @@ def test_integrals_of_speeds_are_no_path_on_the_ground():
     run = rnc.free_motion(reduced, reduced.robot.configuration(), [0.5, 0.2, 1.0], duration=0.2)
     assert reduced.reducing.names[:2] == ("base_speed_x", "base_speed_y")
     assert [path.name for path in rnc.simulation.ground_paths(run)] == ["root_joint"]
-
-
-# ---------------------------------------------------------------------- outlines of a robot from above
 
 
 def area(points):

@@ -45,9 +45,6 @@ def run():
     return execute(Scenario.load("space-robot", options)).trajectory
 
 
-# ---------------------------------------------------------------------- frames of a recording
-
-
 def test_a_recording_has_even_frames_on_the_trajectory(robot, run):
     frames = np.array([state.q for state in recorded_states(robot, run)])
     # Every fourth sample of 0.01 s is a frame of 0.04 s.
@@ -83,9 +80,6 @@ def test_keyframes_are_the_transforms_that_went_in():
     np.testing.assert_allclose(values[".position"], np.stack(wanted)[:, :3, 3])
     assert (np.sum(values[".quaternion"][1:] * values[".quaternion"][:-1], axis=1) > 0).all()
     assert [len(track["keys"]) for track in clips["rests"].values()] == [2, 2, 2]
-
-
-# ---------------------------------------------------------------------- where things act
 
 
 @pytest.mark.parametrize("kind", [rnc.RollingBall, rnc.Caster], ids=["ball", "caster"])
@@ -142,9 +136,6 @@ def test_motions_that_leave_the_primary_outputs_alone_are_arrows_with_names(robo
     np.testing.assert_allclose(vectors * np.sum(expected**2), expected * np.sum(vectors * expected), atol=1e-9)
 
 
-# ---------------------------------------------------------------------- overlay, camera
-
-
 def test_the_board_measures_attitudes_on_the_sphere():
     robot = rnc.Robot.from_example("panda", base="free")
     attitude = Columns(tuple(f"panda_hand_orientation_{axis}" for axis in "xyz"), ("rad",) * 3, (False,) * 3, (0,))
@@ -153,9 +144,6 @@ def test_the_board_measures_attitudes_on_the_sphere():
     state = state._replace(x2=np.array([0.0, 0.0, 3.0]), x2_desired=np.array([0.0, 0.0, -3.0]), x1=np.empty(0))
     assert [each["label"] for each in overlay.labels()] == ["time", "error of panda hand orientation"]
     np.testing.assert_allclose(overlay.values(state)[0][1], 2 * np.pi - 6.0)
-
-
-# ---------------------------------------------------------------------- any robot
 
 
 def test_an_unknown_frame_or_layer_and_a_run_of_another_robot_are_refused(robot, run):

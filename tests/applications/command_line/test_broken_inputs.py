@@ -78,9 +78,6 @@ def mjcf(body="", more="", head="", base='<freejoint name="float"/>'):
     )
 
 
-# ---------------------------------------------------------------------- how a case is told
-
-
 def scenario(changes=None, of=CART, command="run"):
     """A command on a scenario with values at dotted keys replaced."""
     return command, yaml.safe_dump(with_options(of, changes or {}), sort_keys=False).encode()
@@ -345,9 +342,6 @@ def test_what_the_cases_break_is_whole(call, tmp_path, monkeypatch):
         write(tmp_path, {"mine.yaml": content})
         status, _, error = call("inspect", "mine.yaml", "--samples", 2)
         assert (status, error) == (0, "")
-
-
-# ---------------------------------------------------------------------- arguments of Python
 
 
 def small():

@@ -81,9 +81,6 @@ def test_list_names_every_scenario(call):
     assert all(parsed(out).values())
 
 
-# ---------------------------------------------------------------------- run
-
-
 def test_run_writes_what_the_manual_says(first_run):
     process, folder = first_run
     assert (process.returncode, process.stderr) == (0, "")
@@ -192,9 +189,6 @@ def test_a_run_that_fails_at_once_still_gives_json(options, outcome, call, tmp_p
     assert parsed(out)["outcome"] == parsed((tmp_path / "summary.json").read_text())["outcome"] == outcome
 
 
-# ---------------------------------------------------------------------- inspect
-
-
 def told(page):
     """A page as one line, without the frame of its table."""
     return " ".join(page.replace("│", " ").split())
@@ -234,9 +228,6 @@ def test_inspect_looks_at_the_vertical_outputs_that_the_task_names(call):
     report = parsed(out)
     assert report["redundancy_class"] == "2s"
     assert (report["redundancy"]["tracked"], report["redundancy"]["driven"]) == (["trailer_yaw"], [])
-
-
-# ---------------------------------------------------------------------- explore
 
 
 @pytest.mark.parametrize(("system", "start", "kind", "vertical", "controller"), [
@@ -285,9 +276,6 @@ def test_explore_refuses(arguments, words, call, tmp_path, monkeypatch):
     assert status == 2
     assert words in error
     assert not Path("use.yaml").exists()
-
-
-# ---------------------------------------------------------------------- replay
 
 
 @pytest.mark.parametrize("source", ["", "trajectory.npz"], ids=["folder", "file"])
@@ -350,9 +338,6 @@ def test_replay_of_rubbish_is_refused(content, first_run, call, tmp_path):
     assert [each.name for each in tmp_path.iterdir()] == ["rubbish.npz"]
 
 
-# ---------------------------------------------------------------------- sweep
-
-
 def test_a_sweep_has_the_same_results_on_any_number_of_processes(call, no_pictures, tmp_path):
     arguments = ["sweep", "space-robot", "--set", "simulation.duration=0.02", "--runs", "3"]
     one, two = tmp_path / "one", tmp_path / "two"
@@ -408,8 +393,6 @@ def test_the_command_of_a_failed_run_repeats_it(call, no_pictures, tmp_path):
     assert summary["rms_error"]["tip_x"] == row["rms_error.tip_x"]
     assert len(set(results["seed"])) == 4  # each run has its own noise
 
-
-# ---------------------------------------------------------------------- wrong usage
 
 SET_DURATION = ["run", "space-robot", "--set", "duration=-1"]
 USAGE = {

@@ -97,9 +97,6 @@ def test_a_function_of_a_user_that_raises_does_not_lose_the_motion(motion, who):
     assert caught.value.trajectory.time[-1] > 0.3
 
 
-# ---------------------------------------------------------------------- signals
-
-
 def test_interruptions_wait_until_nothing_is_lost_by_them():
     order = []
 
@@ -226,9 +223,6 @@ def test_a_run_ends_with_status_1_at_any_moment(tmp_path):
         went_on = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before - share * used.ru_utime
         assert process.returncode == 1 or went_on < AT_ITS_END, error  # a machine that is faster now has finished
         assert not [*out.rglob(".rnc_pin_*")]
-
-
-# ---------------------------------------------------------------------- sweeps
 
 
 def rows(out):

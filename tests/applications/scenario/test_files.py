@@ -28,9 +28,6 @@ def plan_of(changes, folder):
     return Scenario.load(str(path)).build()
 
 
-# ---------------------------------------------------------------------- what is right
-
-
 CUT_SHORT = ("space-robot-uncertain", "wheels-uncertain")
 
 
@@ -106,9 +103,6 @@ def test_gains_by_hand_replace_those_of_the_preset(tmp_path):
     assert gains == {"k": [1.0, 2.0, 3.0], "beta": 10.0, "sigma": 0.5}
 
 
-# ---------------------------------------------------------------------- options
-
-
 @pytest.mark.parametrize(("option", "expected"), [
     ("simulation.duration=5", ("simulation.duration", 5)),
     ("a.b=[1, 2.5]", ("a.b", [1, 2.5])),
@@ -145,9 +139,6 @@ def test_options_replace_values_in_a_copy():
 ])  # fmt: skip
 def test_an_option_that_leads_nowhere_is_refused(key, words):
     assert words in refusal(lambda: with_options({"a": {"b": 1, "list": [1, 2]}}, {key: 3}))
-
-
-# ---------------------------------------------------------------------- what is wrong
 
 
 PRIMARY = "reference.primary"

@@ -46,9 +46,6 @@ def forge(folder, files):
     (folder / MANIFEST).write_text(json.dumps({"files": files}))
 
 
-# ---------------------------------------------------------------------- what a run does
-
-
 def test_a_new_folder_is_made_with_its_parents_and_a_manifest(tmp_path):
     place = tmp_path / "runs" / "first"
     files = {"a.png": "a", "summary.json": "b"}
@@ -150,9 +147,6 @@ def test_results_are_kept_if_somebody_removes_the_folder_meanwhile(tmp_path):
     assert not out.exists()
 
 
-# ---------------------------------------------------------------------- what is somebody else's
-
-
 def test_somebody_elses_folder_is_refused_and_left_alone(tmp_path):
     (tmp_path / "thesis.txt").write_text("mine")
     message = refusal(lambda: OutputFolder(tmp_path))
@@ -245,8 +239,6 @@ def test_what_is_no_folder_or_cannot_be_one_is_refused(name, words, tmp_path):
     assert (tmp_path / "results").read_text() == "mine"
 
 
-# ---------------------------------------------------------------------- commands
-
 SHORT = ["run", "space-robot", "--set", "simulation.duration=0.02", "--set", "comparisons={}", "--set", "plots={}"]
 
 
@@ -287,8 +279,6 @@ def test_a_full_disk_leaves_what_was_there_and_nothing_half_written(tmp_path, ca
     assert process.returncode == 1
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
 
-
-# ---------------------------------------------------------------------- one run at a time
 
 HOLDING = """
 import sys

@@ -51,9 +51,6 @@ def test_seeds_of_runs_with_faults_differ_and_others_have_that_of_the_scenario()
     assert with_faults.options_of(3, {"faults.masses": 0.1, "seed": 9})["seed"] == 9
 
 
-# ------------------------------------------------------------------ seeded draws
-
-
 LAWS = {
     "range": ([1.0, 3.0], stats.uniform(1.0, 2.0)),
     "normal": ({"normal": {"mean": 2.0, "std": 0.5}}, stats.norm(2.0, 0.5)),

@@ -465,9 +465,6 @@ def test_options_that_are_none_are_refused():
         rnc.ControlLoop(reduced, tracker, 0.0)
 
 
-# ---------------------------------------------------------------------- actuators that give too little
-
-
 def test_inputs_that_the_loop_and_the_plant_take_away_are_missing_together():
     """Of 10 the loop lets 6 through and the plant gives 4: 6 are missing, and they are so in the reduced force."""
     reduced, _ = sleigh()

@@ -137,15 +137,11 @@ def test_an_unusable_target_stops_the_robot_for_good(wrong):
         strict.step(0.0, q, rest)
 
 
-def test_a_force_controller_is_refused():
+def test_a_force_controller_and_an_unknown_joint_are_refused():
     reduced, target = differential_drive()
     loop = rnc.VelocityLoop(reduced, rnc.control.VelocityTracker(target), DT, fallback="raise")
     with pytest.raises(rnc.InputError, match="gives forces, not velocities"):
         loop.step(0.0, reduced.robot.configuration(), np.zeros(5))
-
-
-def test_a_joint_that_is_commanded_has_one_degree_of_freedom():
-    reduced, target = differential_drive()
     with pytest.raises(rnc.ConfigurationError, match="did you mean 'left_wheel_joint'"):
         rnc.VelocityLoop(reduced, target, DT, joints=["left_wheel_jont"])
 

@@ -102,8 +102,6 @@ def test_far_from_the_optimum_a_subproblem_is_solved_less_precisely():
     np.testing.assert_allclose(early.u, exact.u, atol=0.05)
 
 
-# ---------------------------------------------------------------------- the recursion
-
 N, NX, NU, M = 5, 3, 2, 2
 
 

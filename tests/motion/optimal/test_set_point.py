@@ -37,16 +37,10 @@ def nodes_at(model, q, w=None, u=None):
     return NodeData(model, Nodes(q, w), np.zeros((len(q), model.nu)) if u is None else u, np.zeros(len(q)))
 
 
-# ---------------------------------------------------------------------- goals
-
-
 def test_wheels_that_roll_may_stay_undetermined():
     point = SetPoint(systems.differential_drive(), pose("base", 0.5, -0.2, 0.7))
     assert (point.ignored, point.coordinates.weights) == (("left_wheel_joint", "right_wheel_joint"), (1, 1, 2))
     np.testing.assert_allclose(point.q[:4], [0.5, -0.2, np.cos(0.7), np.sin(0.7)], atol=1e-6)
-
-
-# ---------------------------------------------------------------------- the cost
 
 
 @pytest.mark.parametrize("count", [0, 1, 2])
