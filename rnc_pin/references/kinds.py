@@ -26,7 +26,8 @@ from rnc_pin.model.coordinates import Coordinates, rotation_vector_rates
 from rnc_pin.model.input_validation import Numbers, Positive, is_number
 from rnc_pin.references.reference import Reference, ReferencePoint, ReferenceSummary
 
-_GROWN = np.array([1.0, 0.0, 0.0, 0.0])  # full amplitude, which no longer changes
+_BINOMIALS = np.array([[comb(order, of) for of in range(4)] for order in range(4)])
+_ORDERS = np.subtract.outer(range(4), range(4))
 
 
 class Hold(ReferenceSummary):
@@ -191,12 +192,14 @@ class Harmonic(ReferenceSummary):
         self._center = _admit(center, "center of a harmonic reference")
         self.size = self._center.size
         try:
-            self._amplitude, self._rate, self._phase = (
+            amplitude, self._rate, phase = (
                 np.array(np.broadcast_to(np.asarray(each, dtype=float), self._center.shape))
                 for each in (amplitude, 2 * np.pi * np.asarray(frequency, dtype=float), phase)
             )
         except ValueError:
             raise InputError(f"amplitude, frequency and phase have to be numbers or lists of {self.size}") from None
+        orders = np.arange(4.0)[:, None]  # each derivative multiplies by the rate and is a quarter turn ahead
+        self._phases, self._amplitudes = phase + 0.5 * np.pi * orders, amplitude * self._rate**orders
         # The step of degree seven from 0 to 1 has three derivatives that vanish at both ends.
         step = np.array([-20.0, 70.0, -84.0, 35.0, 0.0, 0.0, 0.0, 0.0]) / max(ramp, 1e-9) ** np.arange(7.0, -1.0, -1.0)
         self._growth = PiecewisePolynomial(step[:, None, None], np.array([0.0, ramp]), 0.0, ramp)
@@ -206,18 +209,10 @@ class Harmonic(ReferenceSummary):
         if t <= 0:
             zero = np.zeros(self.size)
             return ReferencePoint(self._center, zero, zero, zero)
-        # Leibniz's rule for the product of growth and wave follows; most of a run has constant growth.
-        growth = _GROWN if t >= self._ramp else np.concatenate(self._growth.at(t))
-        angle = self._rate * t + self._phase
-        sine, cosine = self._amplitude * np.sin(angle), self._amplitude * np.cos(angle)
-        w, g = self._rate, growth.tolist()
-        wave = [sine, w * cosine, -(w**2) * sine, -(w**3) * cosine]
-        return ReferencePoint(
-            self._center + g[0] * wave[0],
-            g[0] * wave[1] + g[1] * wave[0],
-            g[0] * wave[2] + 2 * g[1] * wave[1] + g[2] * wave[0],
-            g[0] * wave[3] + 3 * g[1] * wave[2] + 3 * g[2] * wave[1] + g[3] * wave[0],
-        )
+        waves = self._amplitudes * np.sin(self._rate * t + self._phases)
+        if t < self._ramp:  # Leibniz's rule for the product of growth and wave
+            waves = (_BINOMIALS * self._growth._at(t)[_ORDERS, 0]).dot(waves)
+        return ReferencePoint(self._center + waves[0], waves[1], waves[2], waves[3])
 
 
 class Geodesic(ReferenceSummary):

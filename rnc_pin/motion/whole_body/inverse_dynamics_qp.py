@@ -11,7 +11,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Description, State, elapsed_time, listed, nested
-from rnc_pin.math.linear_algebra import inverse
+from rnc_pin.math.linear_algebra import as_slice, clipped, inverse
 from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.input_validation import Positive, check_positive_settings
 from rnc_pin.model.integrators import DEFAULT_TOLERANCE, LieRungeKutta4
@@ -20,7 +20,7 @@ from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.motion.whole_body.braking_motion import BrakedSample, Braking, BrakingState
 from rnc_pin.motion.whole_body.limit_stack import ContactBounds, ContactCones, ProgramBounds
 from rnc_pin.motion.whole_body.limits.control_limit import ControlLimit, ControlSample, LimitRows, known_state
-from rnc_pin.motion.whole_body.task_hierarchy import RelaxedSolution, SampledDamping, TaskLevel, solve_within
+from rnc_pin.motion.whole_body.task_hierarchy import RelaxedSolution, SampledDamping, TaskLevels, solve_within
 from rnc_pin.motion.whole_body.tasks import ControlTask
 from rnc_pin.motion.whole_body.whole_body_program import SampleCount, WholeBodyProgram
 from rnc_pin.verdict import SHORTFALL, Finding, FindingKind, Severity
@@ -55,38 +55,55 @@ class InverseDynamicsState(NamedTuple):
 
 
 class _SampleProgram(NamedTuple):
-    """Limits of a sample and the effect of its inputs T and of contact forces z, in unknowns y.
+    """Limits of a sample and the effect of its inputs T, in unknowns y beside the contact forces.
 
-    v2 at the end is ``still + [motion, 0] y``, and ``[T; z] = resting + inputs y``. The columns of ``motion`` are unit
-    vectors, so that the cost of an unknown is that of a velocity.
+    v2 at the end is ``still + motion y``, and ``T = resting + inputs y``. The columns of ``motion`` are unit vectors:
+    the cost of an unknown is that of a velocity. Without ``motion``, y is v2.
     """
 
     sample: ControlSample
     rows: LimitRows
     contacts: ContactBounds
-    motion: Float[Array, "r x"]
+    motion: Float[Array, "r p"] | None
     still: Float[Array, " r"]
-    inputs: Float[Array, "x x"]
-    resting: Float[Array, " x"]
+    inputs: Float[Array, "p p"]
+    resting: Float[Array, " p"]
+
+    def velocity(self, unknowns: Array) -> Array:
+        """v2 (r,) at the end."""
+        y = unknowns[: len(self.resting)]
+        return y if self.motion is None else self.still + self.motion.dot(y)
+
+    def efforts(self, unknowns: Array) -> Array:
+        """Inputs T (p,)."""
+        return np.asarray(self.resting + self.inputs.dot(unknowns[: len(self.resting)]))
+
+    def on_unknowns(self, rows: Array) -> tuple[Array, Array | float]:
+        """Rows (k, r) on v2 as rows (k, x) on all unknowns, and what ``still`` adds to them (k,)."""
+        moved, still = (rows, 0.0) if self.motion is None else (rows.dot(self.motion), rows.dot(self.still))
+        return self.beside_contacts(moved), still
+
+    def beside_contacts(self, rows: Array, contacts: float | Array = 0.0) -> Array:
+        """Rows (k, x) on y and contact forces, from both parts."""
+        if not self.contacts.unknowns:
+            return rows
+        return np.hstack([rows, np.broadcast_to(contacts, (len(rows), self.contacts.unknowns))])
 
 
-def _unknowns(gain: Array, p: int) -> tuple[Array, Array]:
-    """Velocities and inputs of unit unknowns: orthonormal columns, or zero for those that move nothing.
+def _unknowns(gain: Array) -> tuple[Array | None, Array]:
+    """Velocities (r, p) and inputs (p, p) of unit unknowns: orthonormal columns, or zero for those that move nothing.
 
     Args:
-        gain: velocities (r, x) of the inputs, the first p of which act.
-        p: number of inputs that act.
+        gain: velocities (r, p) of the inputs.
     """
-    motion, inputs = np.zeros_like(gain), np.eye(gain.shape[1])
-    r = len(gain)
+    r, p = gain.shape
     if p == r:  # the unknowns can be the velocities themselves
-        inverted = inverse(gain[:, :p])
-        if np.abs(inverted).max() * np.abs(gain).max() * r * r * _NO_EFFECT < 1.0:  # bounds the singular values
-            motion[:, :p], inputs[:p, :p] = np.eye(p), inverted
-            return motion, inputs
+        inverted = inverse(gain)
+        if np.vdot(inverted, inverted) * np.vdot(gain, gain) * _NO_EFFECT**2 < 1.0:  # bounds the singular values
+            return None, inverted
     left, values, right = np.linalg.svd(gain)
     rank = int((values > _NO_EFFECT * values.max(initial=0.0)).sum())
-    inputs = right.T.copy()
+    motion, inputs = np.zeros((r, p)), right.T.copy()
     motion[:, :rank] = left[:, :rank]
     inputs[:, :rank] /= values[:rank]
     return motion, inputs
@@ -166,18 +183,18 @@ class InverseDynamicsQP(WholeBodyProgram):
         check_positive_settings(dt=dt, velocity_gain=velocity_gain, friction=friction, braking_time=braking_time)
         self.dt, self.velocity_gain, self.friction, self.braking_time = dt, velocity_gain, friction, braking_time
         self._decay = float(np.exp(-velocity_gain * dt))
-        super().__init__(reduced, tasks, limits)
+        super().__init__(reduced, tasks, limits, resting=reduced.r)
         self._contacts, self._integrator = ContactCones(reduced, friction), LieRungeKutta4(reduced.robot)
-        self._curved = [*self._tasks.curved, np.zeros(reduced.r, dtype=bool)]  # bringing motion to rest is constant
         efforts = reduced.actuation.limits
-        self._limited = np.flatnonzero(np.isfinite(efforts))
-        self._efforts = efforts[self._limited]
+        limited = np.flatnonzero(np.isfinite(efforts))
+        self._limited, self._efforts, self._identity = as_slice(limited), efforts[limited], np.eye(reduced.r)
+        self._unbounded = np.full(len(self._contacts.names), -np.inf)
         self.limit_names = (
             *self._limits.names,
-            *(f"{reduced.actuation.names[i]} effort" for i in self._limited),
+            *(f"{reduced.actuation.names[i]} effort" for i in limited),
             *self._contacts.names,
         )
-        stops = np.cumsum([len(self._limits.names), len(self._limited), len(self._contacts.names)])
+        stops = np.cumsum([len(self._limits.names), len(limited), len(self._contacts.names)])
         rests = reduced.p >= reduced.r and not reduced.affine  # others cannot be brought to rest in general
         self._braking: Braking | None = None
         if rests and braking_time is not None and self._limits.names:
@@ -196,7 +213,7 @@ class InverseDynamicsQP(WholeBodyProgram):
         """Return the state before the first sample."""
         k = len(self.limit_names)
         self._check_velocity(measurement.v2)
-        return InverseDynamicsState(None, np.zeros((self._tasks.levels + 1, k)), *np.zeros((4, k)))
+        return InverseDynamicsState(None, np.zeros((len(self._tasks.ends), k)), *np.zeros((4, k)))
 
     def step(
         self, t: float, measurement: Measurement, state: InverseDynamicsState
@@ -297,36 +314,37 @@ class InverseDynamicsQP(WholeBodyProgram):
     def _program(self, t: float, q: Array, v2: Array) -> _SampleProgram:
         """Limits of one sample and the effect of its inputs, for tasks and braking motions."""
         sample = ControlSample(self._reduced, t, q, v2, self.dt)
-        state, p = sample.start, self._reduced.p
-        contacts = self._contacts.at(state)
-        gain = np.zeros((self._reduced.r, p + contacts.unknowns))
+        state = sample.start
         effects, adverse = state.input_accelerations
-        gain[:, :p], offset = self.dt * effects, state.v2 + self.dt * adverse
-        motion, inputs = _unknowns(gain, p)
-        moved = motion.T @ offset
-        still, resting = offset - motion @ moved, -inputs @ moved
-        return _SampleProgram(sample, self._limits.rows(sample), contacts, motion, still, inputs, resting)
+        motion, inputs = _unknowns(self.dt * effects)
+        moved = offset = state.v2 + self.dt * adverse
+        if motion is not None:
+            moved = motion.T @ offset
+            offset = offset - motion @ moved
+        limits = self._limits.rows(sample), self._contacts.at(state)
+        return _SampleProgram(sample, *limits, motion, offset, inputs, -inputs.dot(moved))
 
     def _solved(
-        self, program: _SampleProgram, levels: list[TaskLevel], sampled: SampledDamping, multipliers: Array | None
+        self, program: _SampleProgram, levels: TaskLevels, sampled: SampledDamping, multipliers: Array | None
     ) -> InputSolution:
         """Solve the levels within the limits, which hold for the velocity that the dynamics give at the end."""
         sample, rows = program.sample, program.rows
         state, motion = sample.start, self._limits.bounds(sample, rows)
-        rest = program.motion.T @ (self._decay * state.v2)  # computed torque, which carries the load
+        slower = self._decay * state.v2[None]  # computed torque, which carries the load
+        rest = program.on_unknowns(slower)[0][0]
 
         def solved(
             limits: ProgramBounds, start: Array | None, near: tuple[float, ...], exclusive: bool
         ) -> RelaxedSolution:
-            bounds, given = self._bounds(limits, program), sampled._replace(near=near)
+            bounds, given = self._bounds(limits, program), sampled._replace(near=near) if near else sampled
             return solve_within(levels, bounds, self._limits, rest, 0.0, start, self._forces, given, exclusive)
 
         found = best = solved(motion, multipliers, (), False)
-        least, best_end, averaged = np.inf, None, self._limits.averaged[motion.places]
+        least, best_end = np.inf, None
         settled = found.unsolved or self._far_from_limits(program, motion, found.unknowns)
         for _ in range(0 if settled else _CORRECTIONS + 1):
-            end = self._end(state, self._inputs(program, found.unknowns))
-            reached = rows.jacobian @ end.v
+            end = self._end(state, program.efforts(found.unknowns))
+            reached, averaged = rows.jacobian @ end.v, self._limits.averaged[motion.places]
             mean = np.where(averaged, rows.jacobian @ self._mean_velocity(state, end), reached)
             beyond = np.maximum(np.maximum(reached, mean) - rows.upper, rows.lower - np.minimum(reached, mean))
             beyond -= found.excess[motion.places]
@@ -335,8 +353,7 @@ class InverseDynamicsQP(WholeBodyProgram):
             best, best_end, least = found, end, float(beyond.max())
             if least <= _BEYOND:
                 break
-            velocity = program.still + program.motion @ found.unknowns
-            expected = rows.jacobian @ (sample.end.R @ velocity + sample.end.b)
+            expected = rows.jacobian @ (sample.end.R @ program.velocity(found.unknowns) + sample.end.b)
             # A change of the velocity at the end changes the mean by half of it.
             above, below = (np.where(averaged, 2.0 * mean - each, reached) for each in (rows.upper, rows.lower))
             corrected = motion._replace(
@@ -346,11 +363,10 @@ class InverseDynamicsQP(WholeBodyProgram):
             found = solved(corrected, found.multipliers, found.damping, bool(found.excess.any()))
             if found.unsolved:
                 break
-        found = best
-        largest = self._reduced.actuation.limits
-        T = np.clip(self._inputs(program, found.unknowns), -largest, largest)  # the solver's rounding is no effort
-        v2 = program.still + program.motion @ found.unknowns
-        return InputSolution(T, v2, found.multipliers, found.excess, best_end, found.unsolved)
+        # The solver's rounding is no effort.
+        T = clipped(program.efforts(best.unknowns), self._reduced.actuation.limits)
+        v2 = program.velocity(best.unknowns)
+        return InputSolution(T, v2, best.multipliers, best.excess, best_end, best.unsolved)
 
     def _far_from_limits(self, program: _SampleProgram, motion: ProgramBounds, unknowns: Array) -> bool:
         """True if the motion of the dynamics keeps the limits for certain; then it need not be integrated.
@@ -358,18 +374,12 @@ class InverseDynamicsQP(WholeBodyProgram):
         The program takes the acceleration at the start. The one at the end tells by how much a velocity deviates from
         it, to second order. Limits that are farther than twice this and the whole change in the sample are kept.
         """
-        sample, T = program.sample, self._inputs(program, unknowns)
-        velocity = program.still + program.motion @ unknowns
+        sample, T, velocity = program.sample, program.efforts(unknowns), program.velocity(unknowns)
         later = self._reduced.evaluator.forward_dynamics(sample.end.q, velocity, T, sample.time)
         step = velocity - sample.start.v2
-        reached, change, deviation = np.array([velocity, step, self.dt * later - step]) @ motion.rows.T
+        reached, change, deviation = np.array([velocity, step, self.dt * later - step]).dot(motion.rows.T)
         room = np.minimum(motion.upper - reached, reached - motion.lower)
         return bool((room >= np.abs(change) + np.abs(deviation)).all())
-
-    def _inputs(self, program: _SampleProgram, unknowns: Array) -> Array:
-        """Inputs T (p,) of unknowns."""
-        p = self._reduced.p
-        return np.asarray(program.resting[:p] + program.inputs[:p] @ unknowns)
 
     def _end(self, state: StateEvaluation, T: Array) -> StateEvaluation:
         """State at the end of the sample under constant inputs, by as many Runge-Kutta steps as it needs."""
@@ -419,27 +429,26 @@ class InverseDynamicsQP(WholeBodyProgram):
         exceeded[ground] = found.excess[ground]
         return BrakedSample(found.T, end.q, end.v2, exceeded)
 
-    def _levels(self, t: float, program: _SampleProgram) -> tuple[list[TaskLevel], SampledDamping]:
+    def _levels(self, t: float, program: _SampleProgram) -> tuple[TaskLevels, SampledDamping]:
         """Tasks on the unknowns, and their damping; the last level brings the rest of the motion to rest."""
         start, decay = program.sample.start, self._decay
         v2, now = start.v2, ControlSample(self._reduced, t, start.q, start.v2, 0.0, start)
-        before, (J, rate) = self._tasks.at(now), self._tasks.at(program.sample)
-        rate = rate + decay * (before.jacobian @ v2 - before.rate)
-        levels = self._tasks.divided(J @ program.motion, rate - J @ program.still)
-        rest = TaskLevel(program.motion, decay * v2 - program.still)
-        sampled = self._tasks.damping(self.dt, J)
-        return [*levels, rest], sampled._replace(levers=[*sampled.levers, 0.0], curved=self._curved)
+        tasks = self._tasks.at(program.sample)
+        J = np.concatenate([tasks.jacobian, self._identity])
+        rows, still = program.on_unknowns(J)
+        rate = np.concatenate([tasks.rate + decay * self._tasks.ahead(now), decay * v2])
+        return TaskLevels(rows, rate - still, tasks.ends), self._tasks.damping(self.dt, J)
 
     def _bounds(self, limits: ProgramBounds, program: _SampleProgram) -> ProgramBounds:
         """Limits of motion, of efforts and of the ground, on the unknowns."""
-        moved, contacts, resting = limits.rows @ program.still, program.contacts, program.resting
-        given, ground = resting[self._limited], contacts.rows @ resting
+        (rows, still), contacts, given = program.on_unknowns(limits.rows), program.contacts, program.resting
+        p, taken = len(given), given[self._limited]
+        ground, efforts = contacts.rows[:, :p], program.beside_contacts(program.inputs[self._limited])
+        ground_rows = program.beside_contacts(ground.dot(program.inputs), contacts.rows[:, p:])
         return ProgramBounds(
-            np.concatenate(
-                [limits.rows @ program.motion, program.inputs[self._limited], contacts.rows @ program.inputs]
-            ),
-            np.concatenate([limits.lower - moved, -self._efforts - given, np.full(len(contacts.upper), -np.inf)]),
-            np.concatenate([limits.upper - moved, self._efforts - given, contacts.upper - ground]),
+            np.concatenate([rows, efforts, ground_rows]),
+            np.concatenate([limits.lower - still, -self._efforts - taken, self._unbounded]),
+            np.concatenate([limits.upper - still, self._efforts - taken, contacts.upper - ground.dot(given)]),
             np.concatenate([limits.places, *self._forces]),
             len(self.limit_names),
         )

@@ -64,12 +64,13 @@ class ContactCones:
         for place, along in self._gripping:
             names += [f"{self._forces.names[place]} friction"] * (2 if along == 1 else _SIDES)
         self.names = tuple(names)
+        self._none = ContactBounds(np.zeros((0, reduced.p)), np.zeros(0), 0)
 
     def at(self, state: StateEvaluation) -> ContactBounds:
         """Return the conditions at one state."""
         p = self._reduced.p
         if not self.names:
-            return ContactBounds(np.zeros((0, p)), np.zeros(0), 0)
+            return self._none
         effects, needed = self._forces.equations(state, np.vstack([np.zeros(p), np.eye(p)]))
         left, values, right = np.linalg.svd(effects[0])
         rank = int((values > _RANK * values[0]).sum())
@@ -181,14 +182,13 @@ class LimitStack:
         found = []
         for limit, where in zip(self._bound, self._places, strict=True):
             rows = limit.braking_rows(sample) if braking else limit.rows(sample)
-            if rows is None:
-                continue
-            found.append((*rows[:3], where if rows.places is None else where[rows.places]))
+            if rows is not None:
+                found.append((*rows[:3], where if rows.places is None else where[rows.places]))
         if not found:
             return LimitRows(np.zeros((0, self._nv)), np.zeros(0), np.zeros(0), np.zeros(0, dtype=int))
-        whole, low, high, chosen = (np.concatenate(each) for each in zip(*found, strict=True))
-        used = np.isfinite(low) | np.isfinite(high)
-        if not used.all():
+        whole, low, high, chosen = map(np.concatenate, zip(*found, strict=True))
+        if not np.isfinite((high - low).sum()):
+            used = np.isfinite(low) | np.isfinite(high)
             whole, low, high, chosen = whole[used], low[used], high[used], chosen[used]
         return LimitRows(whole, low, high, chosen)
 
@@ -204,7 +204,7 @@ class LimitStack:
         if self._affine:
             offset = J @ sample.end.b
             low, high = low - offset, high - offset
-        return ProgramBounds(J @ sample.end.R, low, high, places, len(self.names))
+        return ProgramBounds(J.dot(sample.end.R), low, high, places, len(self.names))
 
     def exceeded(
         self, state: StateEvaluation, time: float, rows: LimitRows | None = None, mean: Array | None = None

@@ -7,6 +7,7 @@ directions that tasks determine, and without active limits its solution is that 
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import NamedTuple
@@ -15,12 +16,12 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin import _kernel
-from rnc_pin.array_shapes import Bool, Float
+from rnc_pin.array_shapes import Float, Int
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.math.convex_programs import nearest_point
 from rnc_pin.math.linear_algebra import as_slice
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.motion.whole_body.limit_stack import LimitStack, ProgramBounds, distinct
+from rnc_pin.motion.whole_body.limit_stack import LimitStack, ProgramBounds
 from rnc_pin.motion.whole_body.limits.control_limit import ControlSample
 from rnc_pin.motion.whole_body.tasks import BoundOutput, ControlTask, OutputsTogether
 
@@ -65,10 +66,10 @@ class SampledDamping(NamedTuple):
 
     dt: float
     """Duration of the sample [s]."""
-    levers: Sequence[float]
+    levers: Float[Array, " levels"]
     """Sum of the norms of the columns of the curved rows of each level on the reduced velocities."""
-    curved: Sequence[Bool[Array, " k"]]
-    """Masks of the rows of each level whose Jacobian depends on the configuration; a constant one has no slope N."""
+    curved: Float[Array, " k"]
+    """One for rows whose Jacobian depends on the configuration; zero for constant ones, which have no slope N."""
     near: Sequence[float] = ()
     """Damping of each level in a similar program; empty if none is known."""
 
@@ -105,11 +106,18 @@ def residual_damping(
     return high
 
 
-class TaskLevel(NamedTuple):
-    """Tasks of one priority: the program minimises ``|J v2 - rate|^2``; rows are multiplied by roots of weights."""
+class TaskLevels(NamedTuple):
+    """Tasks of all levels, which minimise ``|J v2 - rate|^2`` one by one; rows are multiplied by roots of weights."""
 
     jacobian: Float[Array, "k r"]
+    """Rows of the highest level, then those of the next one."""
     rate: Float[Array, " k"]
+    ends: Int[Array, " levels"]
+    """End of the rows of each level."""
+
+    def split(self, entries: Array) -> list[Array]:
+        """Entries (k, ...) of all rows, level by level."""
+        return [entries[start:end] for start, end in pairwise([0, *self.ends.tolist()])]
 
 
 class CascadeSolution(NamedTuple):
@@ -117,8 +125,8 @@ class CascadeSolution(NamedTuple):
 
     unknowns: Float[Array, " n"]
     """Reduced velocities, or inputs and contact forces."""
-    multipliers: Float[Array, "levels k"]
-    """Multipliers of the limits at each level; zero at a level that touches no limit."""
+    multipliers: Float[Array, "levels total"]
+    """Multipliers of all limits at each level; zero at a level that touches no limit."""
     damping: tuple[float, ...] = ()
     """Damping lambda of each level within its limits."""
 
@@ -129,51 +137,58 @@ class TaskStack:
     Args:
         tasks: the tasks.
         reduced: the model.
+        resting: number of rows below those of the tasks, with constant Jacobians.
 
     Attributes:
         bound: the tasks of the model.
-        names: name of each row, in the order of the tasks.
-        levels: number of levels.
-        curved: for each level, a mask of the rows whose Jacobian depends on the configuration.
+        ends: end of the rows of each level, highest level first.
     """
 
-    def __init__(self, tasks: Sequence[ControlTask], reduced: ReducedModel) -> None:
+    def __init__(self, tasks: Sequence[ControlTask], reduced: ReducedModel, resting: int = 0) -> None:
         for each in tasks:
             if not isinstance(each, ControlTask):
                 raise ConfigurationError(f"a task has to be a ControlTask, found {type(each).__name__}")
         self.bound = [each.bind(reduced) for each in tasks]
-        self.names = distinct([name for each in self.bound for name in each.names])
-        roots = [np.sqrt(t.numbers("weight", t.weight, len(b.names))) for t, b in zip(tasks, self.bound, strict=True)]
-        priorities = sorted({each.priority for each in tasks})
-        self.levels = len(priorities)
-        sizes = [len(each.names) for each in self.bound]
-        stops = np.cumsum([0, *sizes]).tolist()
-        places = [slice(*each) for each in pairwise(stops)]
+        pairs = sorted(zip(tasks, self.bound, strict=True), key=lambda pair: pair[0].priority)
+        ranks = [task.priority for task, bound in pairs for _ in bound.names]
+        ends = [bisect_right(ranks, priority) for priority in sorted({*ranks})]
+        self.ends = np.array([*ends, len(ranks) + resting] if resting or not ends else ends)
+        roots = [np.sqrt(task.numbers("weight", task.weight, len(bound.names))) for task, bound in pairs]
         self._roots = np.concatenate([np.zeros(0), *roots])
-        ranks = np.repeat([each.priority for each in tasks], sizes)
-        self._parts = [as_slice(np.flatnonzero(ranks == priority)) for priority in priorities]
-        curved = np.repeat([not each.constant for each in self.bound], sizes).astype(bool)
-        self.curved = [curved[part] for part in self._parts]
-        outputs = [(each, places[k]) for k, each in enumerate(self.bound) if isinstance(each, BoundOutput)]
+        stops = np.cumsum([0, *(len(bound.names) for _, bound in pairs)]).tolist()
+        placed = [(bound, slice(*part)) for (_, bound), part in zip(pairs, pairwise(stops), strict=True)]
+        curved = [not bound.constant for _, bound in pairs for _ in bound.names]
+        self._curved, rows = np.array([*curved, *[False] * resting], dtype=float), np.arange(len(ranks) + resting)
+        # Rows of each level whose Jacobian depends on the configuration.
+        self._masks = self._curved * (
+            np.searchsorted(self.ends, rows, side="right") == np.arange(len(self.ends))[:, None]
+        )
+        outputs = [(each, where) for each, where in placed if isinstance(each, BoundOutput)]
         self._outputs = OutputsTogether([each for each, _ in outputs], reduced) if outputs else None
-        self._output_rows = np.concatenate([np.arange(0), *(np.arange(stops[-1])[where] for _, where in outputs)])
-        self._others = [(each, places[k]) for k, each in enumerate(self.bound) if not isinstance(each, BoundOutput)]
+        self._output_rows = as_slice(np.concatenate([rows[:0], *(rows[where] for _, where in outputs)]))
+        self._others = [(each, where) for each, where in placed if not isinstance(each, BoundOutput)]
         self._nv, self._affine = reduced.n, reduced.affine
 
-    def at(self, sample: ControlSample) -> TaskLevel:
-        """Return the rows of all levels at the end of a sample."""
+    def at(self, sample: ControlSample) -> TaskLevels:
+        """Return the rows of all tasks at the end of a sample."""
+        J, rate = self._rows(sample)
+        if self._affine:
+            rate = rate - J @ sample.end.b
+        return TaskLevels(self._roots[:, None] * J.dot(sample.end.R), self._roots * rate, self.ends)
+
+    def ahead(self, sample: ControlSample) -> Float[Array, " k"]:
+        """Return by how much the velocity at the start is above the desired rates at the end, for all rows."""
+        J, rate = self._rows(sample)
+        return self._roots * (J.dot(sample.start.v) - rate)
+
+    def _rows(self, sample: ControlSample) -> tuple[Array, Array]:
+        """Rows on the full velocity."""
         J, rate = np.empty((len(self._roots), self._nv)), np.empty(len(self._roots))
         if self._outputs is not None:
             J[self._output_rows], rate[self._output_rows] = self._outputs.rows(sample)
         for bound, where in self._others:
             J[where], rate[where] = bound.rows(sample)
-        if self._affine:
-            rate = rate - J @ sample.end.b
-        return TaskLevel(self._roots[:, None] * (J @ sample.end.R), self._roots * rate)
-
-    def divided(self, jacobian: Float[Array, "k x"], rate: Float[Array, " k"]) -> list[TaskLevel]:
-        """Return the levels of rows on any unknowns."""
-        return [TaskLevel(jacobian[part], rate[part]) for part in self._parts]
+        return J, rate
 
     def damping(self, dt: float, jacobian: Float[Array, "k r"]) -> SampledDamping:
         """Return the damping of all levels in a sample.
@@ -182,9 +197,7 @@ class TaskStack:
             dt: its duration [s].
             jacobian: rows of all levels on the reduced velocities.
         """
-        parts = zip(self._parts, self.curved, strict=True)
-        levers = [float(np.sqrt(mask @ jacobian[part] ** 2).sum()) for part, mask in parts]
-        return SampledDamping(dt, levers, self.curved)
+        return SampledDamping(dt, np.sqrt(self._masks.dot(jacobian * jacobian)).sum(axis=1), self._curved)
 
 
 class RelaxedSolution(NamedTuple):
@@ -200,7 +213,7 @@ class RelaxedSolution(NamedTuple):
 
 
 def solve_within(
-    levels: Sequence[TaskLevel],
+    levels: TaskLevels,
     bounds: ProgramBounds,
     limits: LimitStack,
     otherwise: Array,
@@ -220,23 +233,19 @@ def solve_within(
         before: groups of further places of the bounds that come before the limits.
         exclusive: True if the limits of a similar program exclude each other.
     """
-    start = None if multipliers is None else multipliers[:, bounds.places]
-    found = None if exclusive else solve_cascade(levels, bounds, damping, start, sampled)
+    found = None if exclusive else solve_cascade(levels, bounds, damping, multipliers, sampled)
     if found is not None:
-        return RelaxedSolution(
-            found.unknowns, bounds.spread(found.multipliers), np.zeros(bounds.total), damping=found.damping
-        )
-    none, relaxed = np.zeros((max(len(levels), 1), len(bounds.lower))), limits.relaxed(bounds, before)
+        return RelaxedSolution(found.unknowns, found.multipliers, np.zeros(bounds.total), damping=found.damping)
+    none, relaxed = np.zeros((len(levels.ends), bounds.total)), limits.relaxed(bounds, before)
     if relaxed is None:
         reason = "the program of the least excess over limits is not solved"
-        return RelaxedSolution(otherwise, bounds.spread(none), np.zeros(bounds.total), reason)
+        return RelaxedSolution(otherwise, none, np.zeros(bounds.total), reason)
     found, reason = solve_cascade(levels, relaxed[0], damping, None, sampled), ""
     if found is None:
         found, reason = CascadeSolution(relaxed[1], none), "tasks within limits that gave way are not solved"
     excess = bounds.excess(found.unknowns)
     excess[excess < _EXCEEDED] = 0.0
-    multipliers = bounds.spread(found.multipliers)
-    return RelaxedSolution(found.unknowns, multipliers, bounds.spread(excess), reason, found.damping)
+    return RelaxedSolution(found.unknowns, found.multipliers, bounds.spread(excess), reason, found.damping)
 
 
 class _FreeDirections(NamedTuple):
@@ -341,7 +350,7 @@ class _Level:
         self._solved = {added: found}
         return _size(self._wanted - self._along @ (self._values * found[0][: len(self._values)]))
 
-    def left_free(self, lower: Sequence[TaskLevel], determined: Array) -> _FreeDirections | None:
+    def left_free(self, lower: Sequence[tuple[Array, Array]], determined: Array) -> _FreeDirections | None:
         """Return the directions that lower levels may use; None if there are none.
 
         Where the level does not attain its rates, a direction with the singular value sigma is free in part. Motion of
@@ -370,7 +379,7 @@ class _Level:
 
 
 def solve_cascade(
-    levels: Sequence[TaskLevel],
+    levels: TaskLevels,
     bounds: ProgramBounds,
     damping: float,
     multipliers: Array | None = None,
@@ -383,22 +392,22 @@ def solve_cascade(
     would turn from sample to sample. For the same reason they are slow where active limits make rows dependent.
 
     Args:
-        levels: tasks, highest level first.
+        levels: tasks.
         bounds: limits.
         damping: cost of the velocity at every level, which bounds it near singular configurations.
-        multipliers: multipliers of a similar cascade, (levels, k), to start from.
+        multipliers: multipliers of all limits in a similar cascade, (levels, total), to start from.
         sampled: damping of levels that do not attain their rates; by default none.
     """
-    rows, r, k = bounds.rows, bounds.rows.shape[1], len(bounds.lower)
-    levels = levels or [TaskLevel(np.zeros((0, r)), np.zeros(0))]
-    found = np.zeros((len(levels), k))
-    if sampled is None:
-        sampled = SampledDamping(0.0, [0.0] * len(levels), [np.zeros(len(each.rate), dtype=bool) for each in levels])
+    rows, r, count = bounds.rows, bounds.rows.shape[1], len(levels.ends)
+    found = np.zeros((count, bounds.total))
+    sampled = sampled or SampledDamping(0.0, np.zeros(count), np.zeros(len(levels.rate)))
     if not damping and (attained := _within_all_limits(levels, bounds, sampled)) is not None:
-        return CascadeSolution(attained, found, (0.0,) * len(levels))
+        return CascadeSolution(attained, found, (0.0,) * count)
     room = _TOUCHING * (1.0 + np.abs(rows).sum(axis=1))
     low, high = bounds.lower - room, bounds.upper + room
-    near = list(sampled.near) or [0.0] * len(levels)
+    near = list(sampled.near) or [0.0] * count
+    parts = list(zip(*map(levels.split, (levels.jacobian, levels.rate)), strict=True))
+    curved = [np.flatnonzero(each) for each in levels.split(sampled.curved)]
     free, unknowns = _FreeDirections(np.zeros(r), np.eye(r), np.zeros(r)), None
     slow: tuple[Array, float] | None = None
 
@@ -406,24 +415,24 @@ def solve_cascade(
         reached = rows @ point
         return bool((reached <= high).all() and (reached >= low).all())
 
-    for index, (J, rate) in enumerate(levels):
+    for index, (J, rate) in enumerate(parts):
         own, rate = J @ free.Z, rate - J @ free.kept
         norm, size = (max(float(np.sqrt(np.vdot(each, each))), _NOTHING) for each in (own, J))
-        start = None if multipliers is None else multipliers[index]
+        start = None if multipliers is None else multipliers[index, bounds.places]
         if free.stiffness.any():
             own, rate = np.vstack([own, np.diag(norm * free.stiffness)]), np.append(rate, np.zeros(len(free.stiffness)))
-        curved, factor = np.flatnonzero(sampled.curved[index]), _SAMPLED_DAMPING * sampled.dt * sampled.levers[index]
-        level = _Level(free, own, rate, size, damping, curved, factor)
+        factor = _SAMPLED_DAMPING * sampled.dt * float(sampled.levers[index])
+        level = _Level(free, own, rate, size, damping, curved[index], factor)
         point = level.without_limits()
         if not keeps(point.unknowns):
             limited = level.within(bounds, start, near[index])
             if limited is None:
                 break  # at a lower level: rounding left no room
-            point, found[index], near[index] = limited, limited.multipliers, level.added
-            if level.added and slow is None and index + 1 < len(levels):
+            point, found[index, bounds.places], near[index] = limited, limited.multipliers, level.added
+            if level.added and slow is None and index + 1 < count:
                 slow = point.unknowns, level.largest_speed(bounds, point.multipliers)
         unknowns = point.unknowns
-        left = level.left_free(levels[index + 1 :], point.determined)
+        left = level.left_free(parts[index + 1 :], point.determined)
         if left is None:
             break
         free = left
@@ -444,11 +453,9 @@ def _speed(basis: Array, J: Array, rate: Array) -> float:
     return _size(rate @ own) / largest if largest > _RANK**2 * np.vdot(J, J) else 0.0
 
 
-def _within_all_limits(levels: Sequence[TaskLevel], bounds: ProgramBounds, sampled: SampledDamping) -> Array | None:
+def _within_all_limits(levels: TaskLevels, bounds: ProgramBounds, sampled: SampledDamping) -> Array | None:
     """Solution of all levels where no limit is active at any; None for others, or without the compiled kernel."""
-    J, rate = (np.concatenate(each) for each in zip(*levels, strict=True))
-    ends = np.array([len(each.rate) for each in levels]).cumsum()
-    curved, unknowns = np.concatenate(sampled.curved).astype(float), np.empty(J.shape[1])
-    factors = _SAMPLED_DAMPING * sampled.dt * np.array(sampled.levers)
-    limits = bounds.rows, bounds.lower, bounds.upper
-    return unknowns if _kernel.library.cascade(J, rate, curved, ends, factors, *limits, unknowns) else None
+    unknowns, factors = np.empty(levels.jacobian.shape[1]), _SAMPLED_DAMPING * sampled.dt * sampled.levers
+    tasks = levels.jacobian, levels.rate, sampled.curved, levels.ends, factors
+    found = _kernel.library.cascade(*tasks, bounds.rows, bounds.lower, bounds.upper, unknowns)
+    return unknowns if found else None

@@ -15,6 +15,7 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import check_size
 from rnc_pin.control.twist_controller import TwistController
 from rnc_pin.errors import ConfigurationError, RncError
+from rnc_pin.math.linear_algebra import as_slice
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.coordinates import wrapped
 from rnc_pin.model.evaluator import Evaluator, evaluator_for
@@ -189,9 +190,9 @@ class OutputsTogether:
         """Return the rows of all tasks at the end of a sample."""
         jacobian, found = self._evaluator.vertical_outputs(sample.end.configuration)
         points = [task.reference.at(sample.time) for task in self._tasks]
-        position, velocity, acceleration = (np.concatenate(each) for each in list(zip(*points, strict=True))[:3])
+        position, velocity = (np.concatenate(each) for each in list(zip(*points, strict=True))[:2])
         coordinates = self._stack.coordinates
-        rate = coordinates.to_rates(position, velocity, acceleration)[0]
+        rate, _ = coordinates.to_rates(position, velocity, velocity)  # for any acceleration
         return TaskRows(jacobian, rate + self._gain * coordinates.difference(position, found))
 
 
@@ -374,10 +375,10 @@ class _BoundPosture(BoundTask):
         if not task.joints:
             raise ConfigurationError("a posture needs at least one joint with its position")
         self._goal = robot.configuration(task.joints)
-        self._v = [k for name in task.joints for k in range(robot.nv)[robot.velocity_indices(name)]]
-        self.names = tuple(f"{robot.velocity_names[index]} posture" for index in self._v)
-        self._model, self._gain = robot.model, task.numbers("gain", task.gain, len(self._v))
-        self._jacobian = np.eye(reduced.n)[self._v]
+        indices = [k for name in task.joints for k in range(robot.nv)[robot.velocity_indices(name)]]
+        self.names = tuple(f"{robot.velocity_names[index]} posture" for index in indices)
+        self._model, self._gain = robot.model, task.numbers("gain", task.gain, len(indices))
+        self._jacobian, self._v = np.eye(reduced.n)[indices], as_slice(np.array(indices))
 
     def rows(self, sample: ControlSample) -> TaskRows:
         error = pin.difference(self._model, sample.end.q, self._goal)[self._v]  # angles take the shortest way

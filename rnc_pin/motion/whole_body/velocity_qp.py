@@ -115,8 +115,7 @@ class VelocityQP(WholeBodyProgram):
         r, k = self._reduced.r, len(self.limit_names)
         v2 = np.zeros(r) if measurement.v2 is None else np.array(measurement.v2, dtype=float)
         self._check_velocity(v2)
-        levels = max(self._tasks.levels, 1)
-        return ProgramState(None, 0.0, v2, np.zeros(r), np.zeros((levels, k)), np.zeros(k), np.zeros(k))
+        return ProgramState(None, 0.0, v2, np.zeros(r), np.zeros((len(self._tasks.ends), k)), *np.zeros((2, k)))
 
     def step(self, t: float, measurement: Measurement, state: ProgramState) -> tuple[VelocityTarget, ProgramState]:
         """Compute one sample.
@@ -148,8 +147,8 @@ class VelocityQP(WholeBodyProgram):
             sample: the sample.
             multipliers: multipliers of the last program, (levels, k), to start from.
         """
-        whole, bounds = self._tasks.at(sample), self._limits.bounds(sample)
-        levels, sampled = self._tasks.divided(*whole), self._tasks.damping(sample.dt, whole.jacobian)
+        levels, bounds = self._tasks.at(sample), self._limits.bounds(sample)
+        sampled = self._tasks.damping(sample.dt, levels.jacobian)
         rest = np.zeros(self._reduced.r)  # hard limits allow it
         solved = solve_within(levels, bounds, self._limits, rest, self.damping, multipliers, sampled=sampled)
         return ProgramSolution(solved.unknowns, solved.multipliers, solved.excess, solved.unsolved)

@@ -88,12 +88,15 @@ class WholeBodyProgram(ReprMixin):
     Args:
         reduced: the model.
         tasks, limits: the tasks and limits.
+        resting: as of ``TaskStack``.
     """
 
-    def __init__(self, reduced: ReducedModel, tasks: Sequence[ControlTask], limits: Sequence[ControlLimit]) -> None:
+    def __init__(
+        self, reduced: ReducedModel, tasks: Sequence[ControlTask], limits: Sequence[ControlLimit], resting: int = 0
+    ) -> None:
         self.tasks, self.limits = tuple(tasks), tuple(limits)
         self._reduced = reduced
-        self._tasks, self._limits = TaskStack(self.tasks, reduced), LimitStack(self.limits, reduced)
+        self._tasks, self._limits = TaskStack(self.tasks, reduced, resting), LimitStack(self.limits, reduced)
         self._desired = DesiredOutputs(self._tasks.bound, reduced)
         self.limit_names: tuple[str, ...] = self._limits.names
         """Names of the limits' rows, in the order of ``excess`` of the state."""

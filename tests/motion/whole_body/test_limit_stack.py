@@ -7,7 +7,7 @@ from scipy.optimize import LinearConstraint, minimize
 
 from rnc_pin.math.convex_programs import nearest_point
 from rnc_pin.motion.whole_body.limit_stack import ProgramBounds
-from rnc_pin.motion.whole_body.task_hierarchy import SampledDamping, TaskLevel, solve_cascade
+from rnc_pin.motion.whole_body.task_hierarchy import SampledDamping, TaskLevels, solve_cascade
 
 
 def test_nearest_points_satisfy_the_conditions_of_optimality():
@@ -27,17 +27,24 @@ def test_nearest_points_satisfy_the_conditions_of_optimality():
     assert (active > 0).all()
 
 
+def stacked(levels):
+    J, rate = zip(*levels, strict=True)
+    return TaskLevels(np.vstack(J), np.concatenate(rate), np.cumsum([len(each) for each in rate]))
+
+
 def test_lower_levels_leave_what_damped_levels_within_limits_determine():
     """Three levels of ten unknowns in a small box: the third does its best where the first two leave it free."""
     generator, touched = np.random.default_rng(5), 0
     for _ in range(6):
-        levels = [TaskLevel(generator.normal(size=(2, 10)), 2.0 * generator.normal(size=2)) for _ in range(3)]
+        levels = [(generator.normal(size=(2, 10)), 2.0 * generator.normal(size=2)) for _ in range(3)]
         bounds = ProgramBounds(np.eye(10), np.full(10, -0.4), np.full(10, 0.4), np.arange(10), 10)
-        levers = [np.linalg.norm(level.jacobian, axis=0).sum() for level in levels[:2]]
-        damping = SampledDamping(0.0005, levers, [np.ones(2, dtype=bool)] * 2)
-        third = damping._replace(levers=[*levers, 0.0], curved=[*damping.curved, np.zeros(2, dtype=bool)])
-        two, three = (solve_cascade(levels[: len(each.levers)], bounds, 0.0, sampled=each) for each in (damping, third))
-        above, (J, rate) = np.vstack([levels[0].jacobian, levels[1].jacobian]), levels[2]
+        levers = np.array([*(np.linalg.norm(J, axis=0).sum() for J, _ in levels[:2]), 0.0])
+        curved = np.repeat([1.0, 1.0, 0.0], 2)
+        two, three = (
+            solve_cascade(stacked(levels[:k]), bounds, 0.0, None, SampledDamping(0.0005, levers[:k], curved[: 2 * k]))
+            for k in (2, 3)
+        )
+        above, (J, rate) = np.vstack([levels[0][0], levels[1][0]]), levels[2]
         np.testing.assert_allclose(above @ three.unknowns, above @ two.unknowns, atol=1e-7)
         free = null_space(above)
 
@@ -55,26 +62,25 @@ def test_each_level_moves_in_what_those_above_leave_free():
     """Against null spaces; a level that repeats a row of one above, at another rate, changes nothing."""
     generator = np.random.default_rng(8)
     bounds = ProgramBounds(np.eye(7), np.full(7, -1e3), np.full(7, 1e3), np.arange(7), 7)
-    levels = [TaskLevel(generator.normal(size=(k, 7)), generator.normal(size=k)) for k in (3, 2, 5)]
-    repeated, expected, free = TaskLevel(levels[0].jacobian[:1], np.array([9.0])), np.zeros(7), np.eye(7)
+    levels = [(generator.normal(size=(k, 7)), generator.normal(size=k)) for k in (3, 2, 5)]
+    repeated, expected, free = (levels[0][0][:1], np.array([9.0])), np.zeros(7), np.eye(7)
     for J, rate in levels:
         expected = expected + free @ np.linalg.lstsq(J @ free, rate - J @ expected)[0]
         free = free @ null_space(J @ free)
-    found = solve_cascade([levels[0], repeated, *levels[1:]], bounds, 0.0)
+    found = solve_cascade(stacked([levels[0], repeated, *levels[1:]]), bounds, 0.0)
     np.testing.assert_allclose(found.unknowns, expected, atol=1e-12)
 
 
 def test_what_a_task_leaves_free_costs_next_to_nothing():
     """``(x - 1)^2 + (y / 1000)^2`` within ``x <= y``: both are ``1 / (1 + 1e-6)``."""
     bounds = ProgramBounds(np.array([[1.0, -1.0]]), np.array([-np.inf]), np.array([0.0]), np.array([0]), 1)
-    found = solve_cascade([TaskLevel(np.array([[1.0, 0.0]]), np.ones(1))], bounds, 0.0)
+    found = solve_cascade(TaskLevels(np.array([[1.0, 0.0]]), np.ones(1), np.array([1])), bounds, 0.0)
     np.testing.assert_allclose(found.unknowns, 1 / (1 + 1e-6), rtol=1e-8)
 
 
 def test_rows_that_do_not_act_move_nothing():
     """Numbers whose squares are zero in floating point."""
     bounds = ProgramBounds(np.eye(2), np.array([0.1, -1.0]), np.ones(2), np.arange(2), 2)
-    level = TaskLevel(np.array([[1e-200, 0.0]]), np.ones(1))
-    damping = SampledDamping(0.01, [1.0], [np.ones(1, dtype=bool)])
-    found = solve_cascade([level], bounds, 0.0, sampled=damping)
+    level = TaskLevels(np.array([[1e-200, 0.0]]), np.ones(1), np.array([1]))
+    found = solve_cascade(level, bounds, 0.0, sampled=SampledDamping(0.01, np.ones(1), np.ones(1)))
     np.testing.assert_allclose(found.unknowns, [0.1, 0.0], atol=1e-12)

@@ -188,17 +188,25 @@ class PlannedBraking:
         self._efforts = np.where(np.isfinite(efforts), _BRAKING * efforts, 0.0)
         self._any = bool(self._efforts.any())
 
-    def decelerations(self, jacobian: Float[np.ndarray, "k nv"], state: StateEvaluation) -> Float[np.ndarray, " k"]:
-        """Accelerations (k,) of rows [m/s^2 or rad/s^2] in their positive direction; infinite without limits."""
+    def decelerations(
+        self, jacobian: Float[np.ndarray, "k nv"], state: StateEvaluation, both: bool = False
+    ) -> Float[np.ndarray, " k"]:
+        """Accelerations (k,) of rows [m/s^2 or rad/s^2] in their positive direction; infinite without limits.
+
+        Args:
+            jacobian: rows on the full velocity.
+            state: the state.
+            both: True for the smaller one of both directions.
+        """
         if not (self._any and len(jacobian)):
             return np.full(len(jacobian), np.inf)
-        effects, adverse = (jacobian @ state.R @ each for each in state.input_accelerations)
-        effects = np.abs(effects)
-        planned = effects @ self._efforts
-        found = np.maximum(planned + np.minimum(adverse, 0.0), _LEAST * planned)
+        rows = jacobian.dot(state.R)
+        effects, adverse = (rows.dot(each) for each in state.input_accelerations)
+        planned = np.abs(effects).dot(self._efforts)
+        found = np.maximum(planned - (np.abs(adverse) if both else np.maximum(-adverse, 0.0)), _LEAST * planned)
         found[planned <= _NO_EFFECT] = np.inf
         if len(self._unlimited):
-            found[(effects[:, self._unlimited] > _NO_EFFECT).any(axis=1)] = np.inf
+            found[(np.abs(effects[:, self._unlimited]) > _NO_EFFECT).any(axis=1)] = np.inf
         return found
 
 

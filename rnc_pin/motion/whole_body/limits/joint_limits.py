@@ -114,6 +114,7 @@ class _BoundVelocities(BoundLimit):
 
 _STOPPING_TIME = 0.25  # [s] from the velocity limit, if no deceleration is given
 _CROSSING_TIME = 1.0  # [s] for the range of a joint without a velocity limit
+_SIDES = np.array([[1.0], [-1.0]])  # towards the upper and the lower limit
 
 
 @dataclass(frozen=True)
@@ -164,25 +165,21 @@ class _BoundPositions(BoundLimit):
         by_range = (found.upper - found.lower) / _CROSSING_TIME**2
         own = np.where(np.isfinite(fastest), fastest / _STOPPING_TIME, by_range)
         deceleration = own if limit.deceleration is None else np.full(len(own), limit.deceleration)
-        self._limits = np.array([found.lower + room, found.upper - room, deceleration])
+        self._inside, self._deceleration = np.array([found.upper - room, -found.lower - room]), deceleration
         self._braking = PlannedBraking(reduced) if limit.deceleration is None else None
-        self._sides = np.vstack([-self._jacobian, self._jacobian])
 
     def rows(self, sample: ControlSample) -> LimitRows:
-        start = sample.start
-        limits = self._limits
+        start, deceleration = sample.start, self._deceleration
         if self._braking is not None:
-            planned = self._braking.decelerations(self._sides, start).reshape(2, -1).min(axis=0)
-            limits = np.array([*limits[:2], np.minimum(limits[2], planned)])
-        q, ahead = start.q[self._q], 0.5 * sample.dt * start.v[self._v]
-        room = np.array([limits[1] - q - ahead, q + ahead - limits[0]])
-        upper, lower = velocity_to_stop(room, limits[2], sample.dt)
+            deceleration = np.minimum(deceleration, self._braking.decelerations(self._jacobian, start, both=True))
+        ahead = start.q[self._q] + 0.5 * sample.dt * start.v[self._v]
+        upper, lower = velocity_to_stop(self._inside - _SIDES * ahead, deceleration, sample.dt)
         return LimitRows(self._jacobian, -lower, upper)
 
     def braking_rows(self, sample: ControlSample) -> LimitRows:
         q, v = sample.start.q[self._q], sample.start.v[self._v]
-        room = np.maximum([self._limits[1] - q, q - self._limits[0]], 0.0)
-        upper, lower = np.maximum(2.0 * room / sample.dt - [v, -v], 0.0)
+        room = np.maximum(self._inside - _SIDES * q, 0.0)
+        upper, lower = np.maximum(2.0 * room / sample.dt - _SIDES * v, 0.0)
         return LimitRows(self._jacobian, -lower, upper)
 
     def exceeded_by(self, state: StateEvaluation, time: float, mean: Array | None = None) -> Array:
@@ -204,10 +201,9 @@ def velocity_to_stop(
         deceleration: a.
         dt: sampling interval [s].
     """
-    room = np.maximum(room, 0.0)
-    unit = 0.5 * deceleration * dt**2
-    whole = np.floor(0.5 * (np.sqrt(1.0 + 4.0 * room / unit) - 1.0))
-    return whole * deceleration * dt + (room - unit * whole * (whole + 1.0)) / (dt * (whole + 1.0))
+    next_sample, unit = np.maximum(room, 0.0) / dt, 0.5 * dt * deceleration  # velocity if it stops in the next sample
+    whole = np.floor(np.sqrt(next_sample / unit + 0.25) - 0.5)
+    return whole * unit + next_sample / (whole + 1.0)
 
 
 @dataclass(frozen=True)
