@@ -22,6 +22,7 @@ from .linearization import lqr as lqr
 from .normal_forces import LiftOff as LiftOff
 from .normal_forces import NormalForces as NormalForces
 from .normal_forces import first_lift_off as first_lift_off
+from .normal_forces import near_lift_off as near_lift_off
 from .privileged_coordinates import PrivilegedCoordinates as PrivilegedCoordinates
 from .privileged_coordinates import privileged_coordinates as privileged_coordinates
 from .redundancy_class import Evidence as Evidence

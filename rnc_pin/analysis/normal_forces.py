@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass
@@ -27,6 +27,9 @@ from rnc_pin.robots.joint_values import NamedModel
 from rnc_pin.robots.robot import AttachedModel
 
 _SMALL = 1e-9  # entry of a row, or relative singular value, that is rounding
+_INSIDE = 1e-3  # share of the weight that is rounding between samples
+CHANGES = 4
+"""Changes of a load from sample to sample that are not a part of it, and number of samples that tell no change."""
 
 
 class Contact(NamedTuple):
@@ -457,21 +460,41 @@ def balanced(
     return forces
 
 
-def first_lift_off(times: Array, forces: Array, names: Sequence[str], rounding: float = 1e-6) -> LiftOff | None:
+def first_lift_off(
+    times: Array, forces: Array, names: Sequence[str], inside: Iterable[tuple[Array, ...]] = (), rounding: float = 1e-6
+) -> LiftOff | None:
     """Return the first contact whose normal force is below zero by more than rounding; None if all contacts hold.
 
     Args:
         times: (N,) [s].
         forces: normal forces (N, c) [N]; NaN if unknown.
         names: of the contacts (c,).
-        rounding: share of the weight below which a force counts as zero.
+        inside: times and, at the end of each tuple, forces inside the sampling intervals, as of ``between``.
+        rounding: share of the weight below which a force counts as zero; inside the intervals it is at least 1e-3.
     """
     if not forces.size:
         return None
-    known = np.nan_to_num(forces)
-    below = known < -rounding * max(float(np.abs(known).sum(axis=1).max()), 1.0)
+    scale = max(float(np.abs(np.nan_to_num(forces)).sum(axis=1).max()), 1.0)
+    limits = np.full(len(times), -rounding * scale)
+    for t, *_, loads in inside:
+        times, forces = np.append(times, t), np.vstack([forces, loads])
+        limits = np.append(limits, np.full(len(t), -max(rounding, _INSIDE) * scale))
+    order = np.argsort(times, kind="stable")
+    times, known = times[order], np.nan_to_num(forces[order])
+    below = known < limits[order, None]
     if not below.any():
         return None
     sample = int(np.argmax(below.any(axis=1)))
     which = int(np.argmin(np.where(below[sample], known[sample], np.inf)))
     return LiftOff(names[which], float(times[sample]), float(known[sample, which]), float(known[sample:, which].min()))
+
+
+def near_lift_off(loads: Float[Array, "N c"]) -> Int[Array, " M"]:
+    """Samples after which a load may be below zero before the next one: it changes there by a part of itself.
+
+    Args:
+        loads: normal forces at the samples.
+    """
+    change, least = np.abs(np.diff(loads[[0, *range(len(loads)), -1]], axis=0)), np.minimum(loads[1:], loads[:-1])
+    near = change[:-2] + change[1:-1] + change[2:]
+    return np.flatnonzero((least < CHANGES * near).any(axis=1) | (len(loads) <= CHANGES))

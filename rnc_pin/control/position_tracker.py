@@ -95,9 +95,7 @@ class PositionTracker(DescribedMixin):
         self._has_dead_zone = bool(np.any(self.gains.dead_zone))
         self.outputs = np.arange(reference.size) if outputs is None else np.asarray(outputs, dtype=int)
         self.angular = np.zeros(reference.size, dtype=bool) if angular is None else np.asarray(angular, dtype=bool)
-        self.gravity_compensation = (
-            0.0 if gravity_compensation is None else np.asarray(gravity_compensation, dtype=float)
-        )
+        self.gravity_compensation = np.asarray(0.0 if gravity_compensation is None else gravity_compensation, float)
         check_size(reference, len(self.outputs), "tracked")
 
     def initial_state(self, measurement: Measurement) -> PositionState:

@@ -100,9 +100,7 @@ class VelocityTracker(DescribedMixin):
         if not isinstance(self.gains, VelocityGains):
             raise ConfigurationError(f"gains: expected VelocityGains, found {short_text(self.gains)}")
         check_gains(k=self.gains.k, beta=self.gains.beta, sigma=self.gains.sigma, dead_zone=self.gains.dead_zone)
-        self.gravity_compensation = (
-            0.0 if gravity_compensation is None else np.asarray(gravity_compensation, dtype=float)
-        )
+        self.gravity_compensation = np.asarray(0.0 if gravity_compensation is None else gravity_compensation, float)
         self._dead_zone, self._offset = np.asarray(self.gains.dead_zone), self.gravity_compensation
         self._modes = S = self.gains.modes
         if S is not None:

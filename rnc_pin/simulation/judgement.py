@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rnc_pin.analysis import NormalForces, first_lift_off
-from rnc_pin.array_shapes import Float, Int
+from rnc_pin.analysis import NormalForces, first_lift_off, near_lift_off
+from rnc_pin.array_shapes import Float
 from rnc_pin.constraints.wheeled_base import SIDE_SLIP, missing_lateral_rows
 from rnc_pin.control.controller import MissedGoal
 from rnc_pin.errors import ConfigurationError, InputError, RncError, few
@@ -37,8 +37,7 @@ _CREEP = 1e-3  # [m/s]; slower contacts stick: those of MuJoCo are soft
 _MOMENT = 0.01  # share of a run at the limit of friction that fails: more than a landing
 _SLIDING = 0.01  # [m/s or rad/s]; contacts of MuJoCo that stick creep by less than 1e-3
 _SLID = 0.05  # [m] sideways of a steered wheel without a lateral row, that fails
-_CHANGES = 4  # changes of a load from sample to sample that are not a part of it, and samples that tell no change
-_SLIPS = 1.0 + 1e-3  # use of friction that is beyond the stated friction, and not rounding; share of a weight too
+_SLIPS = 1.0 + 1e-3  # use of friction that is beyond the stated friction, and not rounding
 
 
 def judge(
@@ -170,18 +169,10 @@ def _exceeded(use: LimitUse) -> Finding:
 
 def _contacts(run: RunData, grip: Grip | None, reduced: ReducedModel | None) -> Iterator[Finding]:
     """Findings of contacts that pull, that need more friction than is stated, or that slide at its limit."""
-    names, inside = run.info.outputs.normal_forces, []
+    names = run.info.outputs.normal_forces
     normal = grip.normal if grip is not None else None if reduced is None or not names else NormalForces(reduced)
-    if normal is not None and (normal.names, normal.rows) == (names, run.info.outputs.contact_forces):
-        chosen = _changing(run.normal_forces) if grip is None else np.arange(len(run.time) - 1)
-        with suppress(RncError):  # between the samples of a run that ends in a singular configuration
-            known = run.contact_forces, run.normal_forces
-            inside = list(normal.between(run.time, (run.q, run.v, run.T), *known, chosen)) if len(chosen) else []
-    lifted = first_lift_off(run.time, run.normal_forces, names)
-    if lifted is None and inside:
-        times, _, _, loads = (np.concatenate(each) for each in zip(*inside, strict=True))
-        order = np.argsort(times, kind="stable")
-        lifted = first_lift_off(times[order], loads[order], names, _SLIPS - 1.0)
+    inside = forces_inside(run, normal, every=grip is not None)
+    lifted = first_lift_off(run.time, run.normal_forces, names, inside)
     if lifted is not None:
         kind, amount = FindingKind.LIFT_OFF, -lifted.lowest
         yield Finding(kind, lifted.contact, amount, "N", lifted.time, Severity.FAILS, str(lifted))
@@ -195,11 +186,22 @@ def _contacts(run: RunData, grip: Grip | None, reduced: ReducedModel | None) -> 
     yield from _slips(run)
 
 
-def _changing(loads: Float[np.ndarray, "N c"]) -> Int[np.ndarray, " M"]:
-    """Samples after which a load may be below zero before the next one: it changes there by a part of itself."""
-    change, least = np.abs(np.diff(loads[[0, *range(len(loads)), -1]], axis=0)), np.minimum(loads[1:], loads[:-1])
-    near = change[:-2] + change[1:-1] + change[2:]
-    return np.flatnonzero((least < _CHANGES * near).any(axis=1) | (len(loads) <= _CHANGES))
+def forces_inside(run: RunData, normal: NormalForces | None, every: bool = False) -> list[tuple[np.ndarray, ...]]:
+    """Times, configurations, contact and normal forces inside sampling intervals; none for a run of other contacts.
+
+    Args:
+        run: the run.
+        normal: normal forces of its model; None if it is unknown.
+        every: True for all intervals; else those in which a contact may lift off.
+    """
+    outputs = run.info.outputs
+    if normal is None or (normal.names, normal.rows) != (outputs.normal_forces, outputs.contact_forces):
+        return []
+    chosen = np.arange(len(run.time) - 1) if every else near_lift_off(run.normal_forces)
+    known = (run.q, run.v, run.T), run.contact_forces, run.normal_forces
+    with suppress(RncError):  # between the samples of a run that ends in a singular configuration
+        return list(normal.between(run.time, *known, chosen)) if len(chosen) else []
+    return []
 
 
 def _demands(grip: Grip, *loads: tuple[np.ndarray, ...]) -> Iterator[Finding]:

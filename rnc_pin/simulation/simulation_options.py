@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rnc_pin.analysis import NormalForces, first_lift_off
+from rnc_pin.analysis import NormalForces, first_lift_off, near_lift_off
+from rnc_pin.analysis.normal_forces import CHANGES
 from rnc_pin.control.controller import Command, Controller, State, VelocityGiving
 from rnc_pin.control.loop import LoopOptions
 from rnc_pin.control.loop.options import admit_controller, admit_model, type_name
@@ -30,7 +31,7 @@ _MOST_SAMPLES = 10_000_000
 
 @dataclass(frozen=True)
 class Stop:
-    """Conditions that end a run early, checked once per sample.
+    """Conditions that end a run early, checked once per sample; lift-off inside the samples, too.
 
     Args:
         speed: largest reduced velocity, in the units of the outputs' rates; a larger one counts as diverged.
@@ -142,9 +143,10 @@ class LiftOffMonitor:
         if not self._forces.names:
             raise ConfigurationError("lift_off of a Stop: the model has no contact with a normal force")
         self._forces.require("lift_off of a Stop")
+        self._samples: list[tuple[np.ndarray, ...]] = []
 
     def check(self, t: float, state: StateEvaluation, T: np.ndarray, external: np.ndarray | None) -> None:
-        """Raise an error if a contact pulls by more than rounding: contacts that share a force may have zero.
+        """Raise an error if a contact pulls, at a sample or since the last one, by more than rounding.
 
         Args:
             t: simulated time [s].
@@ -156,13 +158,19 @@ class LiftOffMonitor:
             LimitError: names the contact, the time and the force.
         """
         if self._other:
-            state = self._model.at(state.q, v=state.v)
+            state = self._model.at(state.q, v=state.v, t=t)
         forces = self._forces.at(state, T, external)
-        lifted = first_lift_off(np.array([t]), forces[None], self._forces.names)
+        sample = np.array(t), state.q, state.v, np.array(T), state.contact_forces(T, external), forces
+        self._samples = [*self._samples[-CHANGES:], sample]  # one more than those that tell no change
+        time, *states, rows, loads = (np.stack(each) for each in zip(*self._samples, strict=True))
+        last = len(time) - 2  # the interval that has ended
+        inside = self._forces.between(time, (states[0], states[1], states[2]), rows, loads, np.array([last]))
+        near = last in near_lift_off(loads)
+        lifted = first_lift_off(time[-1:], loads[-1:], self._forces.names, inside if near else ())
         if lifted is not None:
             raise LimitError(
-                f"contact '{lifted.contact}' lifts off at t = {t:.3f} s: the model pulls with {-lifted.force:.3g} N, "
-                "and the contact can only push"
+                f"contact '{lifted.contact}' lifts off at t = {lifted.time:.3f} s: the model pulls with "
+                f"{-lifted.force:.3g} N, and the contact can only push"
             )
 
 

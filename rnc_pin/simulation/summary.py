@@ -9,9 +9,10 @@ from typing import NotRequired, TypedDict, cast
 
 import numpy as np
 
-from rnc_pin.analysis import first_lift_off
+from rnc_pin.analysis import NormalForces, first_lift_off
 from rnc_pin.io.json import Json
 from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin, described
+from rnc_pin.simulation.judgement import forces_inside
 from rnc_pin.simulation.limit_replay import LIMIT_KINDS, Clearance, LimitReplay
 from rnc_pin.simulation.run_data import RunData, tracking_errors
 from rnc_pin.simulation.run_info import OutputNames
@@ -134,7 +135,9 @@ def summarize(trajectory: RunData, wall_time: float | None = None) -> Summary:
     errors = {name: error[~np.isnan(error)] for name, error in tracking_errors(trajectory).items()}
     duration = float(trajectory.time[-1]) if len(trajectory.time) else 0.0
     balance = trajectory.energy - trajectory.work
-    lifted = first_lift_off(trajectory.time, trajectory.normal_forces, info.outputs.normal_forces)
+    names, grounds = info.outputs.normal_forces, trajectory.grounds
+    inside = forces_inside(trajectory, NormalForces(grounds.reduced)) if names and grounds is not None else ()
+    lifted = first_lift_off(trajectory.time, trajectory.normal_forces, names, inside)
     summary: Summary = {
         "scenario": info.provenance.scenario,
         "outcome": str(trajectory.outcome),

@@ -140,7 +140,11 @@ def test_a_run_names_the_first_contact_that_would_lift_off(base):
     ):
         (told,) = (each for each in run.verdict.findings if each.kind == "lift_off")
         assert (told.where, told.amount) == (where, pytest.approx(-lowest.min(), abs=2.2))
+        assert rnc.summarize(run)["lift_off"]["contact"] == where
     assert held.verdict.succeeded
+    options = rnc.SimulationOptions(rnc.Stop(lift_off=True))
+    with pytest.raises(rnc.LimitError, match=r"'left_wheel' lifts off at t = 0\.100 s"):
+        rnc.simulate(reduced, Inputs(lambda _: [-18, -6]), q, 0.4, 0.4, v2_0=[30, 30], options=options)
 
 
 def test_forces_are_those_of_the_masses_that_move():

@@ -190,10 +190,10 @@ def _write(recording: Recording, files: ReplayFiles) -> None:
 def _judged(run: Run) -> int:
     """Print the summary and the verdict of a run, and return the exit status."""
     # A run that has no verdict is judged without the goals and obstacles of its scenario.
-    verdict = replace(run.trajectory, grounds=Grounds(run.reduced)).verdict
-    summary = summarize(run.trajectory)
+    judged = replace(run.trajectory, grounds=Grounds(run.reduced))
+    verdict, summary = judged.verdict, summarize(judged)
     add_verdict(summary, verdict)
-    print_summary(summary, run.trajectory.info.outputs)
+    print_summary(summary, judged.info.outputs)
     return report_findings(verdict, f"the run is in {run.source}")
 
 
