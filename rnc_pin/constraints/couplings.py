@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, ConstraintError, nearest
 from rnc_pin.math.linear_algebra import Component, Entry, apply, components, cross, packed, packed_vector
-from rnc_pin.model.frame_rows import DirectionRows, OffsetFrame, PointRows, triple
+from rnc_pin.model.frame_rows import DirectionRows, OffsetFrame, PointRows, frame_direction, triple
 from rnc_pin.model.input_validation import Axis, Vector, is_number
 from rnc_pin.model.kernel_rows import Form, KernelRow, wrench_rows
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics, over_states
@@ -193,8 +193,8 @@ class AckermannSteering:
         left, right: the steering joints, in either order. Their axes are vertical, up or down; a lean of up to 17
             degrees is allowed, and the row ignores it.
         axle: a frame on the fixed axle, e.g. of a rear wheel.
-        axis: the frame's own axis along the fixed axle, "x", "y" or "z". By default the fixed axle is parallel to the
-            line between the pivots.
+        axis: the frame's own axis along the fixed axle, "x", "y" or "z", or its direction in the frame's own axes (3,).
+            By default the fixed axle is parallel to the line between the pivots.
 
     Raises:
         ModelError: unknown joint or frame.
@@ -216,7 +216,7 @@ class AckermannSteering:
     left: str
     right: str
     axle: str
-    axis: Axis | None = None
+    axis: Axis | Vector | None = None
 
     def bind(self, robot: Robot) -> Rows:
         pivots = [_pivot(self.left, robot), _pivot(self.right, robot)]
@@ -358,7 +358,7 @@ def _ratios(kind: AckermannSteering, pivots: list[_Pivot], robot: Robot) -> tupl
     placement = data.oMf[frame]
     left, right = (pivot.where - placement.translation[:2] for pivot in pivots)
     track = left - right
-    across = track if kind.axis is None else placement.rotation[:2, "xyz".index(kind.axis)]
+    across = track if kind.axis is None else placement.rotation[:2] @ frame_direction(kind.axis)
     length = float(np.linalg.norm(across))
     least_horizontal = 0.9  # of a unit axis: below it the axis is not along a level axle
     if kind.axis is not None and length < least_horizontal:

@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, ConstraintError
 from rnc_pin.math.linear_algebra import Entry, cross, dot
-from rnc_pin.model.frame_rows import FLAT, DirectionRows, triple
+from rnc_pin.model.frame_rows import FLAT, DirectionRows, frame_direction, triple
 from rnc_pin.model.input_validation import Vector, is_number
 from rnc_pin.model.kernel_rows import Form, KernelRow, attached, wrench_rows
 from rnc_pin.model.kinematics import PositionKinematics
@@ -51,13 +51,10 @@ class GroundPlane:
     frame: str | None = None
 
     def __post_init__(self) -> None:
-        normal = triple(self.normal, "normal of the ground")
-        length = float(np.linalg.norm(normal))
-        if length == 0:
-            raise ConfigurationError("normal of the ground has no length")
+        normal = frame_direction(self.normal, "normal of the ground")
         triple(self.point, "point of the ground")
         velocity = triple(self.velocity, "velocity of the ground")
-        across = float(velocity @ normal) / length
+        across = float(velocity @ normal)
         rounding = 1e-9  # part of the speed across the plane that comes from a normal of finite precision
         if abs(across) > rounding * max(1.0, float(np.linalg.norm(velocity))):
             raise ConfigurationError(

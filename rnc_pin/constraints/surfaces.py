@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError, ConstraintError
-from rnc_pin.model.frame_rows import axis_index, triple
+from rnc_pin.model.frame_rows import axis_index, frame_direction, triple
 from rnc_pin.model.input_validation import Axis, NotNegative, Positive, Vector, is_number
 
 _EYE = np.eye(3)
@@ -447,8 +447,7 @@ class CylindricalGround:
     def __post_init__(self) -> None:
         _check_radius(self.radius, "cylindrical ground")
         triple(self.point, "point of cylindrical ground")
-        if not np.linalg.norm(triple(self.axis, "axis of cylindrical ground")):
-            raise ConfigurationError("axis of cylindrical ground has no length")
+        frame_direction(self.axis, "axis of cylindrical ground")
         for name in ("spin", "sliding"):
             if not np.isfinite(getattr(self, name)):
                 raise ConfigurationError(f"{name} of cylindrical ground: expected a finite number")
@@ -461,7 +460,7 @@ class CylindricalGround:
     @property
     def along(self) -> np.ndarray:
         """Direction of the first rolling row: the axis."""
-        return np.asarray(self.axis, dtype=float) / np.linalg.norm(self.axis)
+        return frame_direction(self.axis)
 
     @property
     def angular_velocity(self) -> np.ndarray:

@@ -83,7 +83,8 @@ class WheeledBase:
     Attributes:
         frame: name of the frame.
         base: indices in v of the base's velocities, (3,).
-        pivots: indices in v of the joints that steer, (k,).
+        steering: indices in v of all joints that steer.
+        pivots: indices in v of the joints that are aimed, (k,).
         aims: for each pivot, the index of the guide that aims it, (k,).
         kept: for each pivot, True if its guide is a row of the model, and not one of a wheel without a lateral row.
         slides: True if the rows hold the base sideways at all angles of its pivots, so that it may move to any side.
@@ -230,7 +231,9 @@ class WheeledBase:
             rates = [self._rows.jacobian_dot(each.with_velocity(unit[joint])) * self._scales for each in samples]
             slopes = [rate[:, self.base] @ self._to_base(each) for rate, each in zip(rates, samples, strict=True)]
             depends[:, joint] = np.abs(slopes).max(axis=(0, 2)) > _ZERO
-        steers = [joint for joint in self._others if depends[is_guide, joint].any() and self._turns(rows, joint, [])]
+        self.steering = steers = [
+            joint for joint in self._others if depends[is_guide, joint].any() and self._turns(rows, joint, [])
+        ]
         pivot_of = {  # the last joint is the nearest to the wheel
             int(row): max(joints)
             for row in np.flatnonzero(is_guide)

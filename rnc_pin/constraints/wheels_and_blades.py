@@ -13,7 +13,7 @@ from rnc_pin.constraints.rolling_body import RollingBody
 from rnc_pin.constraints.surfaces import CurvedGround, Torus, admit_ground
 from rnc_pin.errors import ConfigurationError, ConstraintError
 from rnc_pin.math.linear_algebra import Entry, cross
-from rnc_pin.model.frame_rows import ConstantWrenchRows, DirectionRows, OffsetFrame, axis_index
+from rnc_pin.model.frame_rows import ConstantWrenchRows, DirectionRows, OffsetFrame, frame_direction
 from rnc_pin.model.input_validation import Axis, NotNegative, Positive, Vector, is_number
 from rnc_pin.model.kernel_rows import Form, KernelRow, wrench_rows
 from rnc_pin.model.kinematics import OWN_AXES, Kinematics, PositionKinematics
@@ -121,7 +121,7 @@ def _parts(kind: RollingWheel) -> tuple[tuple[str, ...], np.ndarray | None]:
 
 def _axle(kind: RollingWheel, robot: Robot) -> np.ndarray:
     """Axle in the frame's own axes (3,)."""
-    return _joint_axis(kind.frame, robot) if kind.axis is None else np.asarray(np.eye(3)[axis_index(kind.axis)])
+    return _joint_axis(kind.frame, robot) if kind.axis is None else frame_direction(kind.axis)
 
 
 def _joint_axis(name: str, robot: Robot) -> np.ndarray:
@@ -153,7 +153,7 @@ class NoSideSlip:
 
     Args:
         frame: name of the frame.
-        axis: the frame's own axis, "x", "y" or "z".
+        axis: the frame's own axis, "x", "y" or "z", or a direction in the frame's own axes (3,).
         at: the point, in the frame's own axes [m].
         ground: the plane; None for ground at rest. Only its motion has an effect.
 
@@ -171,7 +171,7 @@ class NoSideSlip:
     """
 
     frame: str
-    axis: Axis = "y"
+    axis: Axis | Vector = "y"
     at: Vector = (0.0, 0.0, 0.0)
     ground: GroundPlane | None = None
 
@@ -186,10 +186,10 @@ class _NoSideSlipRow(DirectionRows):
     units = ("m/s",)
 
     def __init__(self, kind: NoSideSlip, plane: GroundPlane, robot: Robot) -> None:
-        self._edge, self._axis = kind, axis_index(kind.axis)
+        self._edge, self._axis = kind, frame_direction(kind.axis)
         self._point = OffsetFrame(robot, kind.frame, kind.at)
         self.names = (f"no_side_slip({self._point.name}.{kind.axis})",)
-        self.frame, self.directions = self._point.index, np.array([np.eye(3)[self._axis], kind.at], dtype=float).T
+        self.frame, self.directions = self._point.index, np.array([self._axis, kind.at], dtype=float).T
         # A plane at rest changes nothing for a velocity along the frame's own axis.
         self.ground = plane if plane.moves else None
         self.twist, self.affine = plane.twist, plane.moves
@@ -200,14 +200,14 @@ class _NoSideSlipRow(DirectionRows):
 
     def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
         placement = self._point.placement(at)
-        return placement.translation[..., None, :].copy(), placement.rotation[..., :, self._axis][..., None, :].copy()
+        return placement.translation[..., None, :].copy(), (placement.rotation @ self._axis)[..., None, :]
 
     def mechanisms(self) -> tuple[GroundContact]:
         center = np.asarray(self._edge.at, dtype=float)
-        return (GroundContact(self._edge.frame, None, np.eye(3)[self._axis], center, "lateral"),)
+        return (GroundContact(self._edge.frame, None, self._axis, center, "lateral"),)
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
-        return wrench_rows(Form.OWN, self._point.attached(model), [np.eye(6)[self._axis].tolist()], self.twist)
+        return wrench_rows(Form.OWN, self._point.attached(model), [[*self._axis.tolist(), 0.0, 0.0, 0.0]], self.twist)
 
 
 @dataclass(frozen=True)

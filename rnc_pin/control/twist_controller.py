@@ -141,9 +141,11 @@ class TwistController(ReprMixin):
             share, _ = _largest_share(motion.turning @ turn / self.dt, 0.0, bounds)
         rates = share * turn / self.dt
         if rates.any():  # velocities that fit the angles halfway
-            motion = self.base.at(pin.integrate(self._reduced.robot.model, q, 0.5 * self.dt * (motion.turning @ rates)))
-            # At the angles halfway, passive joints may turn faster for the same rates of the pivots.
-            rates = rates * _largest_share(motion.turning @ rates, 0.0, bounds)[0]
+            before, middle = motion.turning, 0.5 * self.dt * (motion.turning @ rates)
+            motion = self.base.at(pin.integrate(self._reduced.robot.model, q, middle))
+            # At the angles halfway and at the end, passive joints may turn faster for the same rates of the pivots.
+            for turning in (motion.turning, 2.0 * motion.turning - before):
+                rates = rates * _largest_share(turning @ rates, 0.0, bounds)[0]
         offset = motion.turning @ rates
         allowed = self._nearest(motion, goal, self.waits * (share > _STILL))
         along = motion.moving @ allowed

@@ -121,6 +121,19 @@ def axis_index(axis: str) -> int:
     return AXES[axis]
 
 
+def frame_direction(axis: str | Vector, what: str = "axis") -> np.ndarray:
+    """Unit vector (3,) along an axis of a frame, or along a vector; the error message names it by ``what``.
+
+    Args:
+        axis: name of the axis, or components.
+        what: the vector in messages.
+    """
+    found = _UNIT[axis_index(axis)] if isinstance(axis, str) else triple(axis, what)
+    if not found.any():
+        raise ConfigurationError(f"{what} has no length")
+    return np.asarray(found / np.linalg.norm(found))
+
+
 class FrameVelocityRows(Rows):
     """Rows of a frame's Jacobian, in world axes or in the frame's own axes.
 

@@ -32,7 +32,7 @@ BESIDE = (0.1, -0.2, 0.3)
 CONSTRAINTS = {
     "wheels": [rnc.RollingWheel("rear", 0.3), rnc.RollingWheel("front", 0.3)],
     "roller": [rnc.RollingWheel("front", 0.3, roller=-np.pi / 4)],
-    "skid": [rnc.RollingWheel("rear", 0.3, lateral=False), rnc.NoSideSlip("front", "x", at=BESIDE)],
+    "skid": [rnc.RollingWheel("rear", 0.3, lateral=False), rnc.NoSideSlip("front", (0.9, 0.3, 0.2), at=BESIDE)],
     "side slip": [rnc.NoSideSlip("frame", "z", at=BESIDE), rnc.NoSideSlip("rear", "y")],
     "caster": [rnc.Caster("front", 0.05), rnc.RollingBall("rear", 0.3)],
     "point of the world": [rnc.LoopClosure("universe", "front", "point", BESIDE, (0.0, 0.1, -0.4))],

@@ -84,7 +84,7 @@ CARRIED = {
     "ball on a ball": rnc.RollingBall("body", 0.2, ground=rnc.SphericalGround(0.5, inside=False, frame="plate")),
     "caster on a plate": rnc.Caster("body", 0.2, ground=PLATE),
     "knife edge on a plate": rnc.NoSideSlip("body", "y", ground=PLATE),
-    "knife edge beside its frame": rnc.NoSideSlip("body", "x", at=(0.1, -0.2, 0.3), ground=PLATE),
+    "knife edge beside its frame": rnc.NoSideSlip("body", (0.9, 0.3, -0.2), at=(0.1, -0.2, 0.3), ground=PLATE),
     "knife edge on a plate that turns": rnc.NoSideSlip("body", "z", ground=TURNING),
 }
 OFFSETS = {"offset_a": BESIDE, "offset_b": (0.0, 0.1, -0.4)}
@@ -117,7 +117,7 @@ OF_TWO_WHEELS = {
 }
 OF_A_CAR = {
     "ackermann": rnc.AckermannSteering("left_steer", "right_steer", "bl"),
-    "ackermann the other way": rnc.AckermannSteering("right_steer", "left_steer", "br"),
+    "ackermann the other way": rnc.AckermannSteering("right_steer", "left_steer", "br", (0.0, 1.0, 0.0)),
 }
 
 

@@ -412,6 +412,17 @@ class RobotAtStart:
         placement = self.data.oMf[self.robot.frame_id(frame or self.frame)]
         return "xyz"[first_smallest(-np.abs(placement.rotation.T @ direction), ALIGNED)]
 
+    def own_axis(self, direction: np.ndarray, frame: str = "") -> str | list[float]:
+        """Return the axis of a frame along a direction in the world frame (3,), or its components if it is oblique.
+
+        Args:
+            direction: unit vector in the world frame (3,).
+            frame: name of the frame; empty for the frame of the base.
+        """
+        along = self.data.oMf[self.robot.frame_id(frame or self.frame)].rotation.T @ direction
+        is_named = np.abs(along).max() > np.cos(2 * ALIGNED)
+        return self.along(direction, frame) if is_named else [round(float(each), 9) for each in along]
+
     def carrier(self, joint: str) -> str:
         """Return the joint of the body that carries a joint; "universe" for a base that is fixed to the world.
 

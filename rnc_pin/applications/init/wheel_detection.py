@@ -487,18 +487,15 @@ class WheelSearch:
         edge: dict[str, Json] = {"frame": frame, "axis": axis}
         return replace(wheel, edge={**edge, "at": at} if abs(ahead) > placed(radius) else edge)
 
-    def _frame_on(self, joint: int, point: np.ndarray, axle: np.ndarray, near: float) -> tuple[str, str] | None:
-        """Frame of the body with its origin above or on the axle, and its local axis along the axle, or None."""
-        best, nearest = None, near
+    def _frame_on(self, joint: int, point: np.ndarray, axle: np.ndarray, near: float) -> tuple[str, Json] | None:
+        """Frame of the body with its origin above or on the axle, if possible with an axis along it, and this axis."""
+        found = []
         for index, frame in enumerate(self._model.frames):
-            if frame.parentJoint != joint or frame.type != pin.FrameType.BODY:
-                continue
-            along = np.abs(self._data.oMf[index].rotation.T @ axle)
-            beside = across(self._data.oMf[index].translation - point, axle)
-            away = float(np.hypot(beside[0], beside[1]))
-            if away <= nearest and along.max() > np.cos(2 * ALIGNED):
-                best, nearest = (str(frame.name), "xyz"[int(along.argmax())]), away
-        return best
+            if frame.parentJoint == joint and frame.type == pin.FrameType.BODY:
+                axis = self._at_start.own_axis(axle, frame.name)
+                away = float(np.linalg.norm(across(self._data.oMf[index].translation - point, axle)[:2]))
+                found += [(not isinstance(axis, str), away, str(frame.name), axis)] if away <= near else []
+        return min(found, key=lambda each: each[:2])[2:] if found else None
 
 
 _ROUND = (1 - 10 * SAME) * 2 * np.pi  # range of a joint that turns round once [rad]: files write 3.14

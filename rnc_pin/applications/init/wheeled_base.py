@@ -177,7 +177,7 @@ def knife_edge_base(axles: list[Wheel], drawn: WheelLayout, at_start: RobotAtSta
 
 def _midway(at_start: RobotAtStart, axle: np.ndarray, middle: np.ndarray) -> dict[str, Json]:
     """Knife edge at the midpoint of several axles; axle direction (3,) and midpoint (3,) in the world frame."""
-    edge: dict[str, Json] = {"frame": at_start.frame, "axis": at_start.along(axle)}
+    edge: dict[str, Json] = {"frame": at_start.frame, "axis": at_start.own_axis(axle)}
     height = float(at_start.placement.translation[2])
     at = at_start.own_point(np.array([middle[0], middle[1], height]))
     if any(at):
@@ -301,7 +301,7 @@ def _steer(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart)
             elif _reach(one, fixed[0]) > placed(one.wheels[0].radius):
                 ackermann: dict[str, Json] = {"left": main[0].pivot.joint, "right": pivot, "axle": fixed[0].frame}
                 if number:
-                    ackermann["axis"] = at_start.along(fixed[0].axle, fixed[0].frame)
+                    ackermann["axis"] = at_start.own_axis(fixed[0].axle, fixed[0].frame)
                 result.constraints.append(({"ackermann": ackermann}, "all steered wheels turn about one point"))
             else:
                 result.hold([pivot], "on the line of the fixed axle, where no steering is needed")

@@ -206,27 +206,24 @@ def find_steering(reduced: ReducedModel, q0: Float[Array, " nq"], *, room: float
         return FreeSteering(reduced, planned)
     if reduced.robot.model.joints[1].shortname() != "JointModelPlanar":
         _refuse(reduced, "the rows restrict joints other than a planar base")
-    rows = [np.linalg.svd(R[places])[0][:, reduced.r :].T for R in samples.bases]  # that all velocities satisfy
-    on_base = places < 3
-    if any(np.abs(each[:, ~on_base]).max(initial=0.0) > _EXACT for each in rows):
+    rows = [np.linalg.svd(R[places])[0][:, reduced.r :] for R in samples.bases]  # that all velocities satisfy
+    if any(np.abs(each[places >= 3]).max(initial=0.0) > _EXACT for each in rows):
         _refuse(reduced, "the rows couple the base with other joints")
-    joints, count = list(reduced.robot.model.joints)[1:], len(places) - reduced.r
-    single = [each.idx_v for each in joints if each.nv == 1 and planned[each.idx_v]]
-    steering = [index for index in single if samples.matters(index, slice(3))]
-    _, sizes, axes = np.linalg.svd(np.array([np.linalg.svd(each[:, on_base])[2][-1] for each in rows]))
-    row = rows[0][0, on_base] if count == 1 else axes[2]
-    if np.hypot(row[0], row[1]) < 1e-6:
-        _refuse(reduced, "the base cannot turn")
-    if count == 1 and not steering:
-        return DifferentialDrive(reduced, planned, row)
-    if count == 2 and sizes[2] <= _EXACT * sizes[0] and len(steering) == 1:
+    base = WheeledBase(reduced, next(each.name for each in reduced.robot.model.frames if each.parentJoint == 1))
+    motion, count = base.at(q0), len(places) - reduced.r
+    steering = [joint for joint in base.steering if planned[joint]]
+    if motion.free.shape[1] == 2 and count - 1 == len(steering) <= 1:
+        row = np.linalg.svd(motion.moving[base.base] @ motion.free)[0][:, 2]  # of the axle without pivots
+        if np.hypot(row[0], row[1]) < 1e-6:
+            _refuse(reduced, "the base cannot turn")
+        if count == 1:
+            return DifferentialDrive(reduced, planned, row)
         return CarSteering(reduced, planned, row, steering[0], q0, room)
-    drives = WheeledBase(reduced, next(each.name for each in reduced.robot.model.frames if each.parentJoint == 1))
-    motion, ranges = drives.at(q0), (drives.upper - drives.lower)[drives.pivots]
-    one_by_one = len(motion.guides) <= len(drives.pivots) and {*steering} <= {*drives.pivots}
+    one_by_one = len(motion.guides) <= len(base.pivots) and {*steering} <= {*base.pivots}
+    ranges = (base.upper - base.lower)[base.pivots]
     if motion.free.shape[1] < 3 or not one_by_one or ranges.min() < np.pi:
         _refuse(reduced, "the motion of the base is not that of a car with one steering joint, or of steered drives")
-    return AimedSteering(reduced, planned, drives, q0)
+    return AimedSteering(reduced, planned, base, q0)
 
 
 def _refuse(reduced: ReducedModel, why: str) -> NoReturn:

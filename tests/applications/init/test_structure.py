@@ -234,11 +234,11 @@ def tracks_on_bogies():
     return robot(*parts)
 
 
-def drawn(name, parent, at, axis="0 0 1", kind="revolute", limits=(-0.6, 0.6)):
-    """A wheel without a joint about its axle: fixed to a body, or on a pivot."""
+def drawn(name, parent, at, axis="0 0 1", kind="revolute", limits=(-0.6, 0.6), yaw=0.0):
+    """A wheel without a joint about its axle: fixed to a body, or on a pivot; its frame is turned [rad]."""
     shape = '<cylinder radius="0.1" length="0.04"/>'
-    return link(name, 0.5, shape, turn="1.570796326794897 0 0") + joint(
-        f"{name}_joint", parent, name, at, axis, kind, limits=limits
+    return link(name, 0.5, shape, turn=f"1.570796326794897 0 {-yaw}") + joint(
+        f"{name}_joint", parent, name, at, axis, kind, limits=limits, rpy=f"0 0 {yaw}"
     )
 
 
@@ -267,7 +267,7 @@ def rigid_axles():
     return robot(*parts, transmissions("back_joint", "turn_joint"))
 
 
-DRAWN_CAR = robot(link("base", 10.0, BOX), pair("rear", "base", -0.3), drawn_pair("front", "base", 0.3))
+DRAWN_CAR = robot(link("base", 10.0, BOX), pair("rear", "base", -0.3), drawn_pair("front", "base", 0.3, yaw=0.4))
 DRAWN_REAR = robot(
     link("base", 10.0, BOX), drawn_pair("rear", "base", -0.3, kind="fixed"), pivot("steer", "base", (0.3, 0, 0)),
     wheel("w", "steer", (0, 0, 0)),
