@@ -128,8 +128,7 @@ def find_base(reduced: ReducedModel, q0: np.ndarray, joints: Sequence[str]) -> D
     moved = 0 if steering is None else 1 + rest.index(robot.velocity_indices(steering).start)
     folding = curvature(here, rows, rest, moved) / bending if moved else 0.0
     sign = float(np.sign(bending)) or 1.0
-    ahead = _ahead(reduced, q0, frame, steering)
-    return DrivenBase(frame, turns, slides, steering, sign, wheels, ahead, folding)
+    return DrivenBase(frame, turns, slides, steering, sign, wheels, _ahead(reduced, q0, frame, steering), folding)
 
 
 def find_pivots(reduced: ReducedModel, q0: np.ndarray, frame: str) -> tuple[tuple[str, ...], bool]:
@@ -161,12 +160,14 @@ def _wheels(here: ConfigurationEvaluation, rows: np.ndarray, robot: Robot, joint
 
     A base with three independent rates needs no joint to bend its path. One that cannot drive while they rest has none.
     """
-    coupled = tuple(name for name in joints if _drives(here, rows, robot, name))
-    if _independent(here.R[:0], *(rows @ here.R)):
+    moving, R = rows @ here.R, here.R
+    # These cannot move while the base rests: the constraints couple them to it.
+    coupled = tuple(j for j in joints if not _independent(moving, R[robot.velocity_indices(j).start], full=False))
+    if _independent(R[:0], *moving):
         return coupled
     found = tuple(name for name in coupled if not _bends(here, robot, name))
     rest = [robot.velocity_indices(name).start for name in joints if name not in found]
-    return found if _independent(here.R[rest], rows[0] @ here.R) else coupled
+    return found if _independent(R[rest], moving[0]) else coupled
 
 
 def _bends(here: ConfigurationEvaluation, robot: Robot, joint: str) -> bool:
@@ -177,11 +178,6 @@ def _bends(here: ConfigurationEvaluation, robot: Robot, joint: str) -> bool:
     axis = here.position.joint_jacobian(robot.joint_id(joint))[3:, place]
     upright = abs(axis[2]) >= np.hypot(axis[0], axis[1])
     return bool(upright) and any(not _independent(here.R[[k]], here.R[place], full=False) for k in actuated)
-
-
-def _drives(here: ConfigurationEvaluation, rows: np.ndarray, robot: Robot, joint: str) -> bool:
-    """True if a joint cannot move while the base rests: the constraints couple it to the base, such as a wheel."""
-    return not _independent(rows @ here.R, here.R[robot.velocity_indices(joint).start], full=False)
 
 
 def _independent(given: np.ndarray, *rows: np.ndarray, full: bool = True) -> bool:
