@@ -10,9 +10,8 @@ import pytest
 
 from places import ROOT, pages
 
-MODULES = sorted(
-    path for folder in ("rnc_pin", "benchmarks", "docs", "examples", "tests") for path in (ROOT / folder).rglob("*.py")
-)
+FOLDERS = ("rnc_pin", "benchmarks", "docs", "examples", "tests")
+MODULES = sorted(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py"))
 QUESTION = re.compile(r"(What|Where|Whether|Who|Whose|Whoever|Which|How)\b")
 LONGEST_SENTENCE = 30  # words
 PAGES = pages()

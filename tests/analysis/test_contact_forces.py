@@ -78,9 +78,8 @@ def test_a_scenario_is_warned_of_its_grip_or_refused():
     assert "times the grip that" in needed[0]
     with pytest.raises(rnc.InfeasibleError, match="times the grip that"):
         Scenario.load("unicycle", {**quiet, "grip": {"friction": 0.01}, "preflight": "refuse"}).build()
-    assert not Scenario.load(
-        "unicycle", {**quiet, "grip": {"friction": 5.0}, "preflight": "refuse"}
-    ).experiment.warnings
+    good = {**quiet, "grip": {"friction": 5.0}, "preflight": "refuse"}
+    assert not Scenario.load("unicycle", good).experiment.warnings
     with pytest.raises(rnc.ConfigurationError, match="grip: requires a controller over a velocity tracker"):
         Scenario.load("mobile-manipulator-two-phase", {**quiet, "grip": {"friction": 0.5}}).build()
 
@@ -186,9 +185,8 @@ def test_a_support_that_would_pull_carries_nothing(heading):
     robot = cart_robot()
     mast = robot.model.getJointId("mast")
     robot.model.inertias[mast] = pin.Inertia(60.0, np.array([0.9, 0.0, 0.2]), np.eye(3))
-    reduced = rnc.NonholonomicSystem(
-        robot, [rnc.Caster("tail", WHEEL), rnc.RollingWheel("a", WHEEL, lateral=False), rnc.RollingWheel("b", WHEEL)]
-    ).reduce()
+    wheels = [rnc.RollingWheel("a", WHEEL, lateral=False), rnc.RollingWheel("b", WHEEL)]
+    reduced = rnc.NonholonomicSystem(robot, [rnc.Caster("tail", WHEEL), *wheels]).reduce()
     q = robot.configuration({"root_joint": (1.0, -2.0, 0.7), "mast": heading})
     carried = resting(robot, q, ("a", "b", "tail"))
     assert min(carried.values()) < 0.0
@@ -278,9 +276,8 @@ def least_largest_share(torques, friction):
         {"type": "ineq", "fun": room},
         {"type": "ineq", "fun": lambda z: z[4:8]},
     ]
-    found = minimize(
-        lambda z: z[8], start, constraints=constraints, method="SLSQP", options={"ftol": 1e-13, "maxiter": 900}
-    )
+    options = {"ftol": 1e-13, "maxiter": 900}
+    found = minimize(lambda z: z[8], start, constraints=constraints, method="SLSQP", options=options)
     # Rounding may end the line search before the last digits; the comparison needs five of them, at a feasible point.
     assert found.success or found.status == 8
     assert np.abs(balance(found.x)).max() < 1e-8

@@ -154,9 +154,8 @@ def test_blocks_of_states_are_as_each(make):
             np.testing.assert_array_equal(getattr(shared, each)[k], getattr(same, each), err_msg=each)
     n, r, p = reduced.n, reduced.r, reduced.p
     none = state_derivatives(reduced, q[:0], v2[:0], T[:0])
-    assert [getattr(none, each).shape for each in BLOCKS] == [
-        (0, *shape) for shape in ((n,), (r,), (n, n), (n, r), (r, n), (r, r), (r, p))
-    ]
+    shapes = ((n,), (r,), (n, n), (n, r), (r, n), (r, r), (r, p))
+    assert [getattr(none, each).shape for each in BLOCKS] == [(0, *shape) for shape in shapes]
     with pytest.raises(rnc.InputError, match=rf"T of shape \(5, {p}\) does not broadcast to states of shape \(6,\)"):
         state_derivatives(reduced, q, v2, T[:5])
 

@@ -8,23 +8,13 @@ import scipy.optimize
 
 import rnc_pin as rnc
 import systems
+import textbook_systems as textbook
 from benchmarks.validation.bicycle import REAR, bicycle, upright
 from bodies import add_body
 from rnc_pin.analysis.equilibrium import _Search, find_symmetries
 from rnc_pin.model.user_functions import gradient
 from systems import ALL, floating_robot, four_bar, in_joints
-from textbook_systems import (
-    RESTING,
-    SPEED,
-    G,
-    acrobot,
-    angle_of,
-    hanging_chain,
-    sideways_pendulum,
-    tractor_trailers,
-    vertical_disk,
-    wheeled_pendulum,
-)
+from textbook_systems import RESTING, G
 
 
 def check(reduced, found):
@@ -35,7 +25,7 @@ def check(reduced, found):
 
 @pytest.mark.parametrize(("start", "end"), [(0.3, 0.0), (-1.4, 0.0), (1.7, np.pi), (3.0, np.pi)])
 def test_the_pendulum_stands_or_hangs_whatever_is_nearer(start, end):
-    reduced = wheeled_pendulum()
+    reduced = textbook.wheeled_pendulum()
     guess = reduced.robot.configuration({"root_joint": (0.4, -0.3, 2.0), "pitch": start, "left_axle": 1.0})
     found = rnc.equilibrium(reduced, guess)
     expected = reduced.robot.configuration({"root_joint": (0.4, -0.3, 2.0), "pitch": end, "left_axle": 1.0})
@@ -46,7 +36,7 @@ def test_the_pendulum_stands_or_hangs_whatever_is_nearer(start, end):
 
 def test_one_actuator_holds_a_family_and_the_nearest_of_it_is_found():
     """An acrobot rests with its centre of mass below the shoulder: 3 sin(a) + sin(a + b) = 0."""
-    reduced = acrobot()
+    reduced = textbook.acrobot()
     guess = np.array([0.2, 1.0])
     found = rnc.equilibrium(reduced, guess)
     a, b = found.q
@@ -61,9 +51,8 @@ def test_one_actuator_holds_a_family_and_the_nearest_of_it_is_found():
 
 def test_a_loop_is_closed_and_rests():
     reduced = four_bar()
-    free = rnc.NonholonomicSystem(reduced.robot, [rnc.LoopClosure("coupler_tip", "rocker_tip", "point")]).reduce(
-        [rnc.JointPosition("crank")]
-    )
+    loop = rnc.NonholonomicSystem(reduced.robot, [rnc.LoopClosure("coupler_tip", "rocker_tip", "point")])
+    free = loop.reduce([rnc.JointPosition("crank")])
     guess = reduced.robot.configuration({"crank": 1.0, "coupler": -0.4, "rocker": 1.5})
     found = rnc.equilibrium(free, guess)
     assert np.abs(free.assembly.residual(found.q)).max() < 1e-9
@@ -91,7 +80,7 @@ def test_a_step_that_leads_away_is_made_shorter(guess):
     (lambda r, q: rnc.equilibrium(r, q, v2=[1.0]), rnc.InputError, "v2 has shape"),
 ])  # fmt: skip
 def test_what_is_not_found_is_said(call, error, words):
-    reduced = wheeled_pendulum()
+    reduced = textbook.wheeled_pendulum()
     with pytest.raises(error, match=words) as raised:
         call(reduced, reduced.robot.configuration({"pitch": 0.3}))
     assert "\n" not in str(raised.value)
@@ -100,7 +89,7 @@ def test_what_is_not_found_is_said(call, error, words):
 @pytest.mark.parametrize(("guess", "hold"), [((0.5, 0.9, -0.4), ()), ((-0.6, 0.3, 1.4), ()), ((0.5, 0.9, -0.4), (1,))])
 def test_of_a_surface_of_equilibria_the_nearest_is_found(guess, hold):
     """A chain with a free first hinge rests with its centre of mass below that: the rest is a constrained minimum."""
-    reduced = hanging_chain(["hinge_1", "hinge_2"])
+    reduced = textbook.hanging_chain(["hinge_1", "hinge_2"])
     found = rnc.equilibrium(reduced, guess, hold=[f"hinge_{k}" for k in hold])
 
     def across(q):
@@ -120,7 +109,7 @@ def test_of_a_surface_of_equilibria_the_nearest_is_found(guess, hold):
 
 def test_of_inputs_that_hold_the_smallest_are_taken():
     B = np.array([[1.0, 0.5, -2.0], [0.0, 1.0, 3.0]])
-    reduced = hanging_chain(B, 2)
+    reduced = textbook.hanging_chain(B, 2)
     found = rnc.equilibrium(reduced, [0.4, -1.1])
     np.testing.assert_array_equal(found.q, [0.4, -1.1])
     needed = G * np.array([1.5 * np.sin(0.4) + 0.5 * np.sin(-0.7), 0.5 * np.sin(-0.7)])
@@ -136,7 +125,7 @@ def driven_bicycle():
 
 
 @pytest.mark.parametrize("make", [
-    wheeled_pendulum, lambda: hanging_chain(["hinge_1", "hinge_2"]), systems.four_bar, driven_bicycle,
+    textbook.wheeled_pendulum, lambda: textbook.hanging_chain(["hinge_1", "hinge_2"]), systems.four_bar, driven_bicycle,
 ], ids=["pendulum on wheels", "chain", "four-bar", "bicycle"])  # fmt: skip
 def test_a_step_towards_an_equilibrium_is_that_of_newton(make):
     """Far from one, moving, loops open: forces that inputs do not reach vanish to first order, and so do gaps."""
@@ -177,8 +166,8 @@ def test_a_step_towards_an_equilibrium_is_that_of_newton(make):
 
 
 def test_what_rests_to_one_part_in_ten_to_the_ten_is_left_where_it_is():
-    reduced = sideways_pendulum()
-    near, far = (np.array([share * angle_of(1e-10 * RESTING)]) for share in (0.97, 1.03))
+    reduced = textbook.sideways_pendulum()
+    near, far = (np.array([share * textbook.angle_of(1e-10 * RESTING)]) for share in (0.97, 1.03))
     np.testing.assert_array_equal(rnc.equilibrium(reduced, near).q, near)
     found = rnc.equilibrium(reduced, far)
     assert abs(found.q[0]) < 1e-3 * far[0]
@@ -186,8 +175,8 @@ def test_what_rests_to_one_part_in_ten_to_the_ten_is_left_where_it_is():
 
 
 def test_one_part_in_ten_to_the_nine_is_accepted_where_nothing_can_move():
-    reduced = sideways_pendulum()
-    near, far = (np.array([share * angle_of(1e-9 * RESTING)]) for share in (0.97, 1.03))
+    reduced = textbook.sideways_pendulum()
+    near, far = (np.array([share * textbook.angle_of(1e-9 * RESTING)]) for share in (0.97, 1.03))
     np.testing.assert_array_equal(rnc.equilibrium(reduced, near, ["hinge_0"]).q, near)
     with pytest.raises(rnc.ConstraintError, match=r"rate of 'hinge_0' changes by -1\.13e-09 a second$"):
         rnc.equilibrium(reduced, far, ["hinge_0"])
@@ -195,10 +184,9 @@ def test_one_part_in_ten_to_the_nine_is_accepted_where_nothing_can_move():
 
 def test_a_hinge_that_turns_under_gravity_is_no_steady_motion():
     with pytest.raises(rnc.ConstraintError) as told:
-        rnc.equilibrium(sideways_pendulum(), [0.0], v2=[SPEED])
-    assert str(told.value) == (
-        "no steady motion found near the guess: at best the shape variable 'hinge_0' moves by 0.7 a second"
-    )
+        rnc.equilibrium(textbook.sideways_pendulum(), [0.0], v2=[textbook.SPEED])
+    words = "no steady motion found near the guess: at best the shape variable 'hinge_0' moves by 0.7 a second"
+    assert str(told.value) == words
 
 
 @pytest.mark.parametrize(("gap", "closed"), [(0.97e-9, True), (1.03e-9, False), (2e-3, False)])
@@ -228,7 +216,7 @@ def test_a_loop_that_a_motor_holds_has_to_be_closed(gap, closed):
 
 @pytest.mark.parametrize(("gear", "holds"), [(1e-8, True), (1e-12, False)])
 def test_a_motor_without_strength_is_none(gear, holds):
-    reduced = hanging_chain(np.diag([1.0, gear]), 2)
+    reduced = textbook.hanging_chain(np.diag([1.0, gear]), 2)
     guess = np.array([0.9, -0.4])
     found = rnc.equilibrium(reduced, guess)
     if holds:
@@ -256,7 +244,7 @@ def search_from(reduced, guess):
 
 def test_rows_that_say_nothing_take_no_direction_away():
     """Of a pendulum on wheels without motors only the pitch matters: eight directions keep it."""
-    reduced = wheeled_pendulum(())
+    reduced = textbook.wheeled_pendulum(())
     pitch = reduced.robot.velocity_indices("pitch").start
     search = search_from(reduced, reduced.robot.configuration({"pitch": 0.3, "root_joint": (1.0, 2.0, 0.5)}))
     step, basis = search._newton(search._at(search._guess, search._v2))
@@ -270,7 +258,7 @@ def test_rows_that_say_nothing_take_no_direction_away():
     ([0.9, -0.15], [0.3, -0.05]), ([0.1, -1.2], [0.025, -0.3]), ([-0.29, 0.1], [-0.29, 0.1]), ([0.0, 0.0], [0, 0]),
 ])  # fmt: skip
 def test_no_step_is_longer_than_three_tenths(step, limited):
-    search = search_from(hanging_chain([], 2), [0.1, 0.2])
+    search = search_from(textbook.hanging_chain([], 2), [0.1, 0.2])
     np.testing.assert_allclose(search._limited(np.array(step)), limited, rtol=1e-14)
 
 
@@ -301,7 +289,7 @@ def circle(steering, hitches):
 @pytest.mark.parametrize("count", [1, 2, 3])
 @pytest.mark.parametrize("speed", [1.0, -0.4])
 def test_trailers_in_a_circle_stand_at_the_angles_of_geometry(count, speed):
-    reduced = tractor_trailers(count)
+    reduced = textbook.tractor_trailers(count)
     guess = reduced.robot.configuration({"front_steering": 0.3, "root_joint": (1.0, -2.0, 0.7)})
     found = rnc.equilibrium(reduced, guess, ["front_steering"], [speed, 0.0])
     joints = reduced.robot.joint_values(found.q)
@@ -316,7 +304,7 @@ def test_trailers_in_a_circle_stand_at_the_angles_of_geometry(count, speed):
 
 
 def test_rates_that_are_not_given_are_found():
-    reduced = tractor_trailers(1)
+    reduced = textbook.tractor_trailers(1)
     guess = reduced.robot.configuration({"front_steering": 0.3, "hitch_1": -0.2})
     found = rnc.equilibrium(reduced, guess, ["front_steering"], {"tractor_speed_x": 2.0})
     np.testing.assert_allclose(found.v2, [2.0, 0.0], atol=1e-9)
@@ -329,7 +317,7 @@ def test_rates_that_are_not_given_are_found():
     ({"front_steering": 0.3}, [], [1.0, 0.1], r"'front_steering' moves by 0\.1 a second"),
 ])  # fmt: skip
 def test_where_there_is_none_the_shape_variable_that_moves_is_named(joints, hold, v2, words):
-    reduced = tractor_trailers(1)
+    reduced = textbook.tractor_trailers(1)
     with pytest.raises(rnc.ConstraintError, match=f"no steady motion found .* shape variable {words}") as told:
         rnc.equilibrium(reduced, reduced.robot.configuration(joints), hold, v2)
     assert "\n" not in str(told.value)
@@ -337,7 +325,7 @@ def test_where_there_is_none_the_shape_variable_that_moves_is_named(joints, hold
 
 def test_what_turns_stands_upright_or_is_thrown_out():
     """``(m h^2 + I_x - I_z) cos(pitch) = -m h (g / w^2 + r)``: motors that keep it on its circle push the body."""
-    reduced = wheeled_pendulum()
+    reduced = textbook.wheeled_pendulum()
     robot, rate = reduced.robot, 7.0
     body = robot.model.inertias[robot.model.getJointId("pitch")]
     h, inertia = body.lever[2], np.diag(body.inertia)
@@ -396,8 +384,8 @@ def in_the_world(system):
     ("make", "whole", "own"),
     [
         (lambda: hoop(2.0), 1, 1),  # the plane turns, and with it everything
-        (vertical_disk, 3, 1),  # on flat ground, its axle
-        (wheeled_pendulum, 3, 2),
+        (textbook.vertical_disk, 3, 1),  # on flat ground, its axle
+        (textbook.wheeled_pendulum, 3, 2),
         (ALL["fire_truck"], 3, 0),
         (ALL["four_bar"], 0, 0),
         (bicycle, 3, 2),
@@ -415,7 +403,7 @@ def test_symmetries_are_those_of_ground_and_wheels(make, whole, own):
     assert (found._twists.shape[1], found._joints.shape[1]) == (whole, own)
 
 
-@pytest.mark.parametrize("make", [bicycle, ALL["fire_truck"], vertical_disk])
+@pytest.mark.parametrize("make", [bicycle, ALL["fire_truck"], textbook.vertical_disk])
 def test_how_symmetries_vary_is_exact(make):
     reduced = make()
     q = upright() if reduced is bicycle() else reduced.robot.configuration({})
@@ -453,7 +441,7 @@ def test_a_bicycle_leans_in_a_circle():
     (lambda r, q: rnc.equilibrium(r, q, v2=[1.0, 0.0], cyclic=["axel"]), rnc.ModelError, "axel"),
 ])  # fmt: skip
 def test_what_makes_no_sense_is_refused(call, error, words):
-    reduced = vertical_disk()
+    reduced = textbook.vertical_disk()
     with pytest.raises(error, match=words) as told:
         call(reduced, reduced.robot.configuration())
     assert "\n" not in str(told.value)

@@ -165,9 +165,8 @@ def test_the_largest_dimensions_are_generic_not_the_longest_vector(monkeypatch):
     assert (dict(evidence.others), evidence.margin) == ({(2, 3, 4, 5): 1, (2, 3, 4): 1}, 2e6)
     assert evidence.decided
     assert not generic_growth(None, np.array([[3.0]]))[0].decided
-    assert str(evidence) == (
-        "2 of 4 samples agree, others: (2, 3, 4, 5) at 1, (2, 3, 4) at 1; at 1 a direction is in doubt"
-    )
+    others = "(2, 3, 4, 5) at 1, (2, 3, 4) at 1"
+    assert str(evidence) == f"2 of 4 samples agree, others: {others}; at 1 a direction is in doubt"
 
 
 def test_samples_with_the_last_dimension_are_shown_if_none_has_all(monkeypatch):

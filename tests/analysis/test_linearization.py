@@ -6,24 +6,14 @@ import pytest
 import scipy.linalg
 
 import rnc_pin as rnc
+import textbook_systems as textbook
 from systems import four_bar
-from textbook_systems import (
-    SIZE,
-    SPEED,
-    angle_of,
-    linear,
-    planar_model,
-    rail_sliders,
-    sideways_pendulum,
-    unicycle,
-    vertical_disk,
-    wheeled_pendulum,
-)
+from textbook_systems import linear
 
 
 @pytest.mark.parametrize("actuators", [("left_axle", "right_axle"), ()])
 def test_pendulum_on_wheels_falls_at_the_rate_of_the_closed_form(actuators):
-    reduced = wheeled_pendulum(actuators)
+    reduced = textbook.wheeled_pendulum(actuators)
     found = rnc.linearize(reduced, reduced.robot.configuration(), coordinates=["pitch"])
     # Body 12 kg, 0.45 m up, 0.8 kg m^2; two wheels 1 kg, 0.005 kg m^2, 0.1 m.
     rolling, turning, coupling = 12 + 2 + 2 * 0.005 / 0.1**2, 0.8 + 12 * 0.45**2, 12 * 0.45
@@ -48,7 +38,7 @@ def test_python_control_has_the_names_and_the_poles_of_the_model(monkeypatch):
 
 def test_whole_state_of_a_steady_motion_is_the_variational_equation():
     """Deviations from a circling disk, measured in axes that go along, against two nonlinear runs."""
-    reduced = vertical_disk()
+    reduced = textbook.vertical_disk()
     model, q0, v2, size, duration = reduced.robot.model, reduced.robot.configuration(), np.array([5.0, 0.8]), 1e-5, 1.3
     found = rnc.linearize(reduced, q0, v2)
     start = np.random.default_rng(2).normal(size=found.A.shape[0])
@@ -66,7 +56,7 @@ def test_whole_state_of_a_steady_motion_is_the_variational_equation():
 
 
 def test_deviation_is_the_state():
-    reduced = wheeled_pendulum()
+    reduced = textbook.wheeled_pendulum()
     q0 = reduced.robot.configuration({"root_joint": (0.3, -0.2, 3.0)})
     found = rnc.linearize(reduced, q0, coordinates=["pitch", rnc.FrameYaw("base")], rates=["pitch", "base_yaw"])
     q = reduced.robot.configuration({"root_joint": (0.3, -0.2, -3.0), "pitch": 0.1})
@@ -93,7 +83,7 @@ FIXED, MOVING = rnc.FramePosition("base", "z"), ["pitch", "root_joint[0]"]
     ({"v2": [0.5, 0, 0], "coordinates": MOVING}, rnc.ConstraintError, r"'root_joint\[0\]' moves in this motion"),
 ])  # fmt: skip
 def test_what_cannot_be_linearised_is_refused(options, error, words):
-    reduced = wheeled_pendulum()
+    reduced = textbook.wheeled_pendulum()
     with pytest.raises(error, match=words):
         rnc.linearize(reduced, reduced.robot.configuration(), **options)
     with pytest.raises(rnc.ConstraintError, match="rate of 'pitch'"):
@@ -103,22 +93,22 @@ def test_what_cannot_be_linearised_is_refused(options, error, words):
 
 
 def test_a_motion_is_steady_to_a_part_in_ten_to_the_eight():
-    reduced = sideways_pendulum()
-    near, far = (np.array([share * angle_of(1e-8 * SIZE)]) for share in (0.97, 1.03))
-    v2 = [SPEED]
+    reduced = textbook.sideways_pendulum()
+    near, far = (np.array([share * textbook.angle_of(1e-8 * textbook.SIZE)]) for share in (0.97, 1.03))
+    v2 = [textbook.SPEED]
     found = rnc.linearize(reduced, near, v2, [])
-    np.testing.assert_allclose(found.A, [[0.0, 1.0], [-1 / angle_of(1.0), 0.0]], rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(found.A, [[0.0, 1.0], [-1 / textbook.angle_of(1.0), 0.0]], rtol=1e-6, atol=1e-9)
     with pytest.raises(rnc.ConstraintError) as told:
         rnc.linearize(reduced, far, v2, [])
     assert str(told.value) == (
         "not an equilibrium and not a steady motion: under T = [] "
-        f"the rate of 'hinge_0' changes by {-1.03e-8 * SIZE:.3g} a second"
+        f"the rate of 'hinge_0' changes by {-1.03e-8 * textbook.SIZE:.3g} a second"
     )
 
 
 def test_coordinates_next_to_each_other_are_not_independent():
     """``s0`` and ``s0 + small s1``: singular values are next to sqrt(2) and small / sqrt(2)."""
-    reduced = rnc.NonholonomicSystem(rail_sliders(2), []).reduce()
+    reduced = rnc.NonholonomicSystem(textbook.rail_sliders(2), []).reduce()
     for small, said in ((0.97 * 2e-10, True), (1.03 * 2e-10, False)):
         J = np.array([[1.0, 0.0], [1.0, small]])
         pair = rnc.Output(lambda q, J=J: J @ q, lambda q, J=J: J, lambda q, v: np.zeros((2, 2)), ["one", "two"])
@@ -162,7 +152,7 @@ def round_a_center():
 
 def test_a_circle_in_coordinates_that_do_not_move():
     """``rho' = u cos(phi)``, ``phi' = w - u sin(phi) / rho`` of a unicycle; its rates in another order."""
-    reduced, speed, turn = unicycle(), 6.0, 4.0
+    reduced, speed, turn = textbook.unicycle(), 6.0, 4.0
     rho = speed / turn
     q = reduced.robot.configuration({"root_joint": (3.0, 2.0 - rho, 0.0)})  # heading along x, left of its bearing
     found = rnc.linearize(reduced, q, [speed, turn], coordinates=[round_a_center()], rates=["body_yaw", "body_speed_x"])
@@ -177,7 +167,7 @@ def test_a_circle_in_coordinates_that_do_not_move():
 
 def test_a_coordinate_in_the_world_does_not_turn_with_the_body():
     """In a turn, of ``y' = u sin(yaw)`` the heading is missing; where the body is along x is not."""
-    reduced = unicycle()
+    reduced = textbook.unicycle()
     with pytest.raises(rnc.ConstraintError) as told:
         rnc.linearize(reduced, reduced.robot.configuration(), [0.5, 2.0], coordinates=[rnc.FramePosition("body", "y")])
     missing = "not a closed system: the motion of body_y, body_speed_x, body_yaw also depends on 'root_joint[2]'"
@@ -186,7 +176,7 @@ def test_a_coordinate_in_the_world_does_not_turn_with_the_body():
 
 @pytest.mark.parametrize("speed", [0.5, 3.0])
 def test_a_coordinate_moves_above_a_hundred_millionth_of_the_motion(speed):
-    reduced, coordinates = unicycle(), [rnc.FrameYaw("body"), rnc.FramePosition("body", "y")]
+    reduced, coordinates = textbook.unicycle(), [rnc.FrameYaw("body"), rnc.FramePosition("body", "y")]
     limit = 1e-8 * (1.0 + speed) / speed
     q = reduced.robot.configuration({"root_joint": (0.0, 0.0, 0.97 * limit)})
     found = rnc.linearize(reduced, q, [speed, 0.0], coordinates=coordinates)
@@ -217,13 +207,12 @@ def test_a_loop_has_the_coordinates_that_it_leaves():
 
 
 def test_inputs_that_hold_are_the_smallest():
-    model, _ = planar_model()
+    model, _ = textbook.planar_model()
     model.gravity.linear = np.array([-2.0, 0.0, 0.0])
     slope = rnc.Robot(model)
     B = np.array([[1.0, 2.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    reduced = rnc.NonholonomicSystem(slope, [rnc.NoSideSlip("body")], B).reduce(
-        [rnc.FrameSpeed("body"), rnc.FrameYaw("body")]
-    )
+    system = rnc.NonholonomicSystem(slope, [rnc.NoSideSlip("body")], B)
+    reduced = system.reduce([rnc.FrameSpeed("body"), rnc.FrameYaw("body")])
     found = rnc.linearize(reduced, slope.configuration())
     np.testing.assert_allclose(found.T, [0.4, 0.8, 0.0], atol=1e-12)  # 2 N in all
     with pytest.raises(rnc.ConstraintError) as told:

@@ -62,9 +62,8 @@ def pulled(base, forces, constraints=(), actuators=WHEELS):
     robot.model.addFrame(pin.Frame("hook", root.parentJoint, hook, pin.FrameType.OP_FRAME))
     contacts = [rnc.RollingWheel(wheel, 0.1) for wheel in ("left_wheel", "right_wheel")]
     contacts += [rnc.Caster("nose", radius=0.1), *constraints]
-    reduced = rnc.NonholonomicSystem(robot, contacts, actuators, forces=forces).reduce(
-        [rnc.JointPosition(wheel) for wheel in WHEELS[len(constraints) :]]
-    )
+    system = rnc.NonholonomicSystem(robot, contacts, actuators, forces=forces)
+    reduced = system.reduce([rnc.JointPosition(wheel) for wheel in WHEELS[len(constraints) :]])
     return reduced, reduced.assembled(robot.configuration())
 
 

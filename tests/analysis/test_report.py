@@ -131,9 +131,8 @@ def test_a_report_is_of_the_samples_it_says():
     assert 0 < samples - len(regular) < samples
     assert (report.samples, report.singular_samples) == (samples, samples - len(regular))
     assert f"condition of E at {len(regular)} samples" in str(report)
-    assert report.condition == pytest.approx(
-        {"min": conditions.min(), "median": np.median(conditions), "max": conditions.max()}
-    )
+    expected = {"min": conditions.min(), "median": np.median(conditions), "max": conditions.max()}
+    assert report.condition == pytest.approx(expected)
     assert report.lemma1 == pytest.approx(rnc.analysis.lemma_1_residuals(reduced, good, seed))
     assert report.lemma1_holds
     task = rnc.Task.of(reduced, ["ahead"], ["body_yaw"])

@@ -131,9 +131,8 @@ def test_the_worst_sample_is_told_where_nothing_vanishes(jump):
 
 def test_the_way_to_a_singular_configuration_keeps_a_loop_closed():
     """A four-bar that its rocker drives is stuck where crank and coupler are in line."""
-    reduced = rnc.NonholonomicSystem(
-        four_bar().robot, [rnc.LoopClosure("coupler_tip", "rocker_tip", "point")], ["crank"]
-    ).reduce([rnc.JointPosition("rocker")])
+    loop = rnc.LoopClosure("coupler_tip", "rocker_tip", "point")
+    reduced = rnc.NonholonomicSystem(four_bar().robot, [loop], ["crank"]).reduce([rnc.JointPosition("rocker")])
     generator = np.random.default_rng(2)
     found = stack_singularities(reduced, np.stack([reduced.random_configuration(generator) for _ in range(8)]))
     for each in found:

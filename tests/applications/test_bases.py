@@ -117,7 +117,7 @@ def sideways(base, robot, q, v):
 
 
 @pytest.mark.parametrize(
-    ("name", "use"), [(name, use) for name in BASES for use in USES if name in ONLY.get(use, BASES)]
+    ("name", "use"), [(each, use) for each in BASES for use in USES if each in ONLY.get(use, BASES)]
 )
 def test_a_base_is_used_with_success_and_no_wheel_slides(name, use, draft, brief):
     found = USES[use](draft(name))

@@ -47,9 +47,8 @@ def test_wheels_that_touch_have_distance_0_at_every_turn():
     for _ in range(1000):
         turned = np.linalg.qr(generator.standard_normal((3, 3)))[0]
         turned[:, 0] *= np.linalg.det(turned)
-        rolled = [
-            [[c, -s, 0], [s, c, 0], [0, 0, 1]] for c, s in ((np.cos(a), np.sin(a)) for a in generator.uniform(-3, 3, 2))
-        ]
+        turns = ((np.cos(a), np.sin(a)) for a in generator.uniform(-3, 3, 2))
+        rolled = [[[c, -s, 0], [s, c, 0], [0, 0, 1]] for c, s in turns]
         middle = generator.standard_normal(3)
         measurement.place([0], turned @ rolled, np.array([middle, middle + 0.2 * turned[:, 0]]))
         assert abs(measurement.measure([0])[0, 0]) < 1e-6

@@ -61,9 +61,8 @@ def test_a_ball_on_a_plate_moves_as_with_coordinates_relative_to_the_plate(groun
         q[2:] = pin.SE3ToXYZQUAT(data.oMi[3])
         v2, T = generator.normal(size=5), generator.normal(size=2)
         expected = other.forward_dynamics(p, v2, T)
-        np.testing.assert_allclose(
-            one.forward_dynamics(q, v2, T), expected, rtol=KKT, atol=KKT * np.abs(expected).max()
-        )
+        rounding = KKT * np.abs(expected).max()
+        np.testing.assert_allclose(one.forward_dynamics(q, v2, T), expected, rtol=KKT, atol=rounding)
         forces = one.multipliers(q, v2, T), other.multipliers(p, v2, T)  # both act along the axes of the plate
         np.testing.assert_allclose(*forces, atol=KKT * np.abs(forces[1]).max())
 
@@ -96,9 +95,8 @@ def test_a_carrier_that_is_the_world_changes_nothing(robot):
         kind = CARRIED[name]
         ground = rnc.GroundPlane(kind.ground.normal, kind.ground.point, spin=kind.ground.spin)
         inner = type(kind)(**{**vars(kind), "ground": ground}).bind(robot)
-        outer = type(kind)(**{**vars(kind), "ground": rnc.GroundPlane(**{**vars(ground), "frame": "universe"})}).bind(
-            robot
-        )
+        outside = rnc.GroundPlane(**{**vars(ground), "frame": "universe"})
+        outer = type(kind)(**{**vars(kind), "ground": outside}).bind(robot)
         for quantity in ("jacobian", "jacobian_dot", "bias_acceleration", "rate", "rate_dot", "residual"):
             np.testing.assert_allclose(getattr(outer, quantity)(at), getattr(inner, quantity)(at), atol=ROUNDING)
         for both, one in zip(outer.lines_of_action(at), inner.lines_of_action(at), strict=True):

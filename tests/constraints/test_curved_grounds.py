@@ -77,9 +77,7 @@ def test_searches_start_at_the_nearest_points_of_spheres_and_cylinders():
     place = np.array([0.7, -0.4, 0.9])
     for ground in (BOWL, BALL):
         away = place - ground.center
-        np.testing.assert_allclose(
-            ground.below(place), ground.center + 2.0 * away / np.linalg.norm(away), atol=ROUNDING
-        )
+        np.testing.assert_allclose(ground.below(place), ground.center + 2 * away / np.linalg.norm(away), atol=ROUNDING)
     foot = DRUM.below(place)
     assert DRUM.level(foot) == pytest.approx(0.0, abs=ROUNDING)
     np.testing.assert_allclose(np.cross(place - foot, DRUM.gradient(foot)), 0.0, atol=ROUNDING)

@@ -85,9 +85,8 @@ def kapitza(shaken, times, damping=0.0):
         torque = MASS * LENGTH * (GRAVITY + shaken.at(t).acceleration[0]) * np.sin(x[0]) - damping * x[1]
         return [x[1], torque / (MASS * LENGTH**2 + 1e-9)]
 
-    return scipy.integrate.solve_ivp(
-        rates, (0, times[-1]), [0.3, 0.0], "DOP853", times, rtol=1e-12, atol=1e-12, max_step=0.005
-    ).y[0]
+    precise = {"rtol": 1e-12, "atol": 1e-12, "max_step": 0.005}
+    return scipy.integrate.solve_ivp(rates, (0, times[-1]), [0.3, 0.0], "DOP853", times, **precise).y[0]
 
 
 def test_a_sampled_run_with_damping_knows_the_time_of_each_stage(pendulum):

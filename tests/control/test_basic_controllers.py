@@ -76,9 +76,8 @@ STATES = ("tilt", "arm", "speed", "tilt_dot", "wheel_dot", "yaw_dot")
 def linear():
     """Five outputs, of which speed and spin are quasi-velocities; not every value is a state, nor every rate."""
     names = ("speed", "tilt", "wheel", "spin", "arm")
-    outputs = SimpleNamespace(
-        names=names, quasi=[True, False, False, True, False], coordinates=Coordinates([False, True, True, False, True])
-    )
+    quasi, turning = [True, False, False, True, False], Coordinates([False, True, True, False, True])
+    outputs = SimpleNamespace(names=names, quasi=quasi, coordinates=turning)
     generator = np.random.default_rng(1)
     return SimpleNamespace(
         B=np.zeros((6, 2)), T=np.array([0.3, -0.8]), v2=np.array([1.0, 2.0, 3.0, 4.0, 5.0]), state_names=STATES,

@@ -137,9 +137,8 @@ def test_a_track_that_no_row_depends_on_is_refused():
 
 def test_an_axle_is_one_whichever_wheel_is_named_first():
     """The centre of each wheel is its middle and half the track to its own side; the joint stands beside it."""
-    robot = two_wheeled_cart(
-        pin.JointModelFreeFlyer(), left=(0.15, 0.35, 0.22), right=(0.1, -0.25, 0.2), off=(0.0, 0.07, 0.0)
-    )
+    left, right, off = (0.15, 0.35, 0.22), (0.1, -0.25, 0.2), (0.0, 0.07, 0.0)
+    robot = two_wheeled_cart(pin.JointModelFreeFlyer(), left=left, right=right, off=off)
     centres = {"left": np.array([0.15, 0.42, 0.22]), "right": np.array([0.1, -0.25, 0.2])}
     track = np.linalg.norm(centres["left"] - centres["right"])
     for pair in (("left", "right"), ("right", "left")):

@@ -116,9 +116,8 @@ def test_steering_along_the_driven_path_needs_its_state():
     reduced = fire_truck()
     task = rnc.Task.of(reduced, *TASK)
     path = rnc.planning.CarPath((0, 0, 0), (5, 0, 0), 5.0, 1.0)
-    steering = SteeringController(
-        reduced, task, path.reference, SlitheringReference(reduced, task, "tractor", "rear_axle")
-    )
+    law = SlitheringReference(reduced, task, "tractor", "rear_axle")
+    steering = SteeringController(reduced, task, path.reference, law)
     with pytest.raises(rnc.InputError, match="initial_state"):
         steering.step(0.0, reduced.at(reduced.robot.configuration(), np.zeros(3)).measure())
 
@@ -147,9 +146,8 @@ def test_places_are_remembered_a_spacing_apart_and_forgotten_when_the_tractor_ba
     turned = np.array([[0.0, 0.0, np.pi / 2, 0.0]])
     assert len(reference._recorded(turned, 5.0, 0.2499, 0.0)) == 1
     assert len(reference._recorded(turned, -5.0, 0.2501, 0.0)) == 2
-    assert isinstance(
-        reference.initial_state(reduced.at(reduced.robot.configuration(), np.zeros(3)).measure()), DrivenPath
-    )
+    at_rest = reduced.at(reduced.robot.configuration(), np.zeros(3)).measure()
+    assert isinstance(reference.initial_state(at_rest), DrivenPath)
 
 
 def test_a_kingpin_as_far_ahead_as_the_axle_is_behind():

@@ -223,9 +223,8 @@ def test_a_slow_stop_and_a_start_are_continuous():
             assert np.abs(command.joints - last).max() < 0.06 * 0.6 / RADIUS
         last = command.joints
     for joint in controller.steering:
-        assert reduced.robot.joint_values(plant.q)[joint] == pytest.approx(
-            reduced.robot.joint_values(q)[joint], abs=1e-9
-        )
+        before, after = (reduced.robot.joint_values(each)[joint] for each in (q, plant.q))
+        assert after == pytest.approx(before, abs=1e-9)
 
 
 def test_a_swerve_module_takes_the_shorter_way_and_rolls_backwards():
@@ -414,9 +413,8 @@ def test_a_limit_of_speed_scales_the_twist_as_a_whole():
     controller = TwistController(reduced, "base", limits=limits)
     command, _ = controller.step(robot.configuration(), [1.0, 0.0, 2.0], controller.initial_state())
     np.testing.assert_allclose(command.twist, [0.5, 0.0, 1.0], atol=1e-9)
-    assert [str(each) for each in command.cuts] == [
-        "right_wheel_joint is at its velocity limit: the twist is scaled by 0.5"
-    ]
+    (cut,) = command.cuts
+    assert str(cut) == "right_wheel_joint is at its velocity limit: the twist is scaled by 0.5"
 
 
 def test_a_trailer_at_the_limit_of_its_hitch_stops_the_car():

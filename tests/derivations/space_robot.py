@@ -51,9 +51,8 @@ def states(data, count=None):
     for state in data["states"][:count]:
         q, T, free = (exact(state[key]) for key in ("q", "T", "qd_free"))
         qd = system.velocity(q, "S1a", exact(state["bases"]["S1a"]["v"]))
-        found.append(
-            {**system.full(q, qd, free, T), "bases": {each: system.reduced(each, q, qd, T) for each in system.bases}}
-        )
+        bases = {each: system.reduced(each, q, qd, T) for each in system.bases}
+        found.append({**system.full(q, qd, free, T), "bases": bases})
     return found
 
 

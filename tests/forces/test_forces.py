@@ -152,10 +152,9 @@ def test_scenario_files_have_forces_of_the_robot_and_of_the_plant_alone():
     assert experiment.reduced.reduction_data.forces.names == ("spring(joint_2)",)
     plant = experiment.plant.plant.reduced
     assert plant.reduction_data.forces.names == ("spring(joint_2)", "wrench(tip)", "damper(joint_1)")
+    uneven = {"spring": {**both["spring"], "stiffness": [1.0, 2.0]}}
     with pytest.raises(rnc.InputError, match=r"mobile-manipulator: spring\(joint_2\): stiffness"):
-        Scenario.load(
-            "mobile-manipulator", {"forces": [{"spring": {**both["spring"], "stiffness": [1.0, 2.0]}}]}
-        ).build()
+        Scenario.load("mobile-manipulator", {"forces": [uneven]}).build()
 
 
 test_wrong_forces_are_refused_by_name = refused([

@@ -103,9 +103,8 @@ def test_energy_less_work_is_constant_whatever_is_wrong(kind):
 
 
 def experiment(name, **options):
-    return Scenario.load(
-        name, {"comparisons": {}, **{key.replace("__", "."): value for key, value in options.items()}}
-    ).experiment
+    options = {key.replace("__", "."): value for key, value in options.items()}
+    return Scenario.load(name, {"comparisons": {}, **options}).experiment
 
 
 def test_truth_differs_from_belief():

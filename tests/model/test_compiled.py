@@ -86,9 +86,8 @@ def _wrong(bind):
     def bound(kind, robot):
         rows = bind(kind, robot)
         described = rows.kernel_rows
-        rows.kernel_rows = lambda model: [
-            row._replace(numbers=(1 + 1e-7) * np.array(row.numbers)) for row in described(model)
-        ]
+        longer = lambda row: row._replace(numbers=(1 + 1e-7) * np.array(row.numbers))  # noqa: E731
+        rows.kernel_rows = lambda model: [longer(row) for row in described(model)]
         return rows
 
     return bound
@@ -180,11 +179,8 @@ def test_the_environment_selects_the_kernel(code, asked, stream, words, tmp_path
 @needs_library
 def test_a_wrong_rate_over_time_is_not_used(monkeypatch):
     """The comparison at the reduction covers mu and its rate: NumPy evaluates a model whose rates differ."""
-    rows = type(
-        rnc.PrescribedMotion(rnc.JointPosition("arm"), rnc.planning.Harmonic([0.1], [0.3], 0.5)).bind(
-            rnc.Robot(free_arm())
-        )
-    )
+    swing = rnc.planning.Harmonic([0.1], [0.3], 0.5)
+    rows = type(rnc.PrescribedMotion(rnc.JointPosition("arm"), swing).bind(rnc.Robot(free_arm())))
     for wrong in (0, 1):
         monkeypatch.setattr(
             rows,

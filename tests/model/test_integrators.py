@@ -9,14 +9,8 @@ from scipy.linalg import expm
 
 import rnc_pin as rnc
 from bodies import add_body
-from rnc_pin.model.integrators import (
-    AdaptiveIntegrator,
-    ExponentialCoordinates,
-    ExponentialRungeKutta4,
-    LieRungeKutta4,
-    LinearPart,
-    phi_functions,
-)
+from rnc_pin.model import integrators
+from rnc_pin.model.integrators import ExponentialCoordinates, LieRungeKutta4, LinearPart
 from rnc_pin.plants.constrained_dynamics import ConstrainedDynamics
 from simple_controllers import Inputs
 from systems import free_flying_panda, leaning_wheel, mobile_manipulator, space_robot_in_joints
@@ -87,7 +81,7 @@ def test_an_exponential_step_is_exact_for_damping_and_the_classical_one_without_
         return z_dot[:3], np.array([*modes @ z_dot[3:5], *z_dot[5:7]])
 
     z = expm(h * L) @ [0.0, 0.0, 0.0, *inverse @ y[:2], *y[2:], 1.0]
-    integrator, part = ExponentialRungeKutta4(robot), LinearPart(modes, inverse, decay, U, others)
+    integrator, part = integrators.ExponentialRungeKutta4(robot), LinearPart(modes, inverse, decay, U, others)
     q_end, y_end, rough = integrator.step(linear, part, q, y, h)
     np.testing.assert_allclose([*q_end, *y_end], [*q + z[:3], *modes @ z[3:5], *z[5:7]], atol=1e-13)
     assert rough < 1e-12
@@ -104,7 +98,7 @@ def test_an_exponential_step_is_exact_for_damping_and_the_classical_one_without_
 ])  # fmt: skip
 def test_adaptive_steps_end_at_a_pole_and_where_a_sign_would_change_for_ever(slope, moved):
     """Of the state; a slider that moves with it is at its integral."""
-    motion = AdaptiveIntegrator(sliders("X"), lambda t, q, y: (y, slope(y)), rtol=1e-9, atol=1e-11)
+    motion = integrators.AdaptiveIntegrator(sliders("X"), lambda t, q, y: (y, slope(y)), rtol=1e-9, atol=1e-11)
     blocks, times = [], np.array([0.0, 0.4, 0.45, 0.9, 2.0])
     with pytest.raises(rnc.DivergenceError, match="step size is too small: the motion runs into a sing") as told:
         blocks.extend(motion.run(times, np.zeros(1), np.ones(1)))
@@ -196,7 +190,7 @@ def test_rates_in_local_coordinates_are_those_of_the_exponential(make):
 def test_phi_functions_are_the_integrals_that_define_them(x):
     """``phi_k(x)`` is the integral of ``exp((1 - s) x) s^(k-1) / (k-1)!`` over s from 0 to 1; ``phi_0`` is exp."""
     nodes, weights = np.polynomial.legendre.leggauss(60)
-    s, values = (nodes + 1) / 2, phi_functions(np.array([x]), 4)
+    s, values = (nodes + 1) / 2, integrators.phi_functions(np.array([x]), 4)
     assert values[0][0] == pytest.approx(np.exp(x), rel=1e-14)
     for k in range(1, 5):
         if x > -100:

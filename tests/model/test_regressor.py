@@ -18,9 +18,8 @@ def test_times_the_parameters_it_is_the_reduced_force(name):
         F = reduced.inverse_dynamics(q, v2, v2_dot, t=0.3)
         state = reduced.at(q, v2, t=0.3)
         expected = F + state.R.T @ state.passive_force
-        np.testing.assert_allclose(
-            regressor.matrix @ regressor.parameters, expected, atol=ROUNDING * max(1.0, np.abs(expected).max())
-        )
+        rounding = ROUNDING * max(1.0, np.abs(expected).max())
+        np.testing.assert_allclose(regressor.matrix @ regressor.parameters, expected, atol=rounding)
 
 
 def test_its_columns_are_those_of_any_inertia():

@@ -83,6 +83,5 @@ def test_every_kind_has_rows_here():
     """A user's own rows are in ``test_user_functions.py``, motions over time in ``test_kept_outputs.py``."""
     public = [getattr(room, name) for room in (rnc.constraints, rnc.outputs) for name in dir(room)]
     kinds = {each for each in public if inspect.isclass(each) and hasattr(each, "bind")}
-    assert {each.__name__ for each in kinds - {type(kind) for _, kind in ROWS.values()}} == {
-        *("Pfaffian", "Output", "PrescribedMotion")
-    }
+    written_down = {"Pfaffian", "Output", "PrescribedMotion"}
+    assert {each.__name__ for each in kinds - {type(kind) for _, kind in ROWS.values()}} == written_down

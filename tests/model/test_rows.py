@@ -104,9 +104,8 @@ def test_rates_are_right_down_to_a_limit(kind, robot_at, limit, words):
     if hasattr(rows, "value"):
         for axis, column in zip(np.eye(robot.nv), found.T, strict=True):
             step = limit * axis
-            ahead, behind = (
-                rows.value(Kinematics(robot).position(pin.integrate(robot.model, q, sign * step))) for sign in (1, -1)
-            )
+            moved = (pin.integrate(robot.model, q, sign * step) for sign in (1, -1))
+            ahead, behind = (rows.value(Kinematics(robot).position(each)) for each in moved)
             np.testing.assert_allclose((ahead - behind) / (2 * limit), column, rtol=0.02, atol=1e-3)
     robot, q = robot_at(0.2 * limit)
     with pytest.raises(rnc.SingularityError, match=words) as told:

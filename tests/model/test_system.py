@@ -55,9 +55,8 @@ test_what_does_not_fit_is_refused_in_one_line = refused([
 
 def test_rank_counts_where_a_robot_stands_and_not_upside_down(tmp_path):
     """A car before a curb, a cylinder below its front wheels, can only roll on. On its roof, the rank differs."""
-    places = {
-        f"{end}_{side}": (x, y, 0) for end, x in (("f", 0.3), ("r", -0.3)) for side, y in (("l", 0.2), ("r", -0.2))
-    }
+    sides = (("l", 0.2), ("r", -0.2))
+    places = {f"{end}_{side}": (x, y, 0) for end, x in (("f", 0.3), ("r", -0.3)) for side, y in sides}
     parts = [
         urdf_parts.link("base", 10.0, urdf_parts.BOX),
         *(urdf_parts.wheel(name, "base", at) for name, at in places.items()),

@@ -159,19 +159,17 @@ def test_losses_of_a_conserved_momentum_are_refused(effects, name):
     reduced = floating_robot().reduce()
     robot = reduced.robot
     robot.model.upperDryFrictionLimit = robot.model.damping = np.ones(4)
+    inputs, q0 = Inputs(lambda t: np.zeros(3)), robot.configuration()
     with pytest.raises(rnc.ConstraintError, match=f"joint {name} acts on momentum"):
-        rnc.simulate(
-            reduced, Inputs(lambda t: np.zeros(3)), robot.configuration(), 0.1, plant=ReducedPlant(reduced, **effects)
-        )
+        rnc.simulate(reduced, inputs, q0, 0.1, plant=ReducedPlant(reduced, **effects))
 
 
 def test_contact_forces_count_damping_and_friction():
     """At constant speed nothing is left for the ground: the drives give what the axles take."""
     reduced = differential_drive(damping=0.48)
     q0, v2 = reduced.robot.configuration(), np.array([2.0, 2.0])
-    run = rnc.simulate(
-        reduced, Inputs(lambda t: 0.48 * v2), q0, 0.2, 0.02, v2_0=v2, plant=ReducedPlant(reduced, **DAMPED)
-    )
+    plant = ReducedPlant(reduced, **DAMPED)
+    run = rnc.simulate(reduced, Inputs(lambda t: 0.48 * v2), q0, 0.2, 0.02, v2_0=v2, plant=plant)
     np.testing.assert_allclose(run.v2, 2.0, atol=1e-12)
     np.testing.assert_allclose(run.contact_forces, 0.0, atol=1e-10)
     np.testing.assert_allclose(run.multipliers, 0.0, atol=1e-10)

@@ -5,16 +5,8 @@ from functools import cache
 import numpy as np
 
 import rnc_pin as rnc
-from rnc_pin.control import (
-    Command,
-    Estimator,
-    MomentumRegressor,
-    Posture,
-    RedundancyController,
-    UncertainController,
-    UnknownMass,
-    VelocityGains,
-)
+from rnc_pin import control
+from rnc_pin.control import RedundancyController, UnknownMass
 from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.motion.planning import Harmonic, Hold, MinimumJerk
 from rnc_pin.references.reference import ReferencePoint
@@ -41,20 +33,17 @@ class Rates:
 
     def step(self, t, measurement, state):
         target, state = self._law.step(t, measurement, state)
-        return Command(T=target.v2_dot, v2_desired=target.v2), state
+        return control.Command(T=target.v2_dot, v2_desired=target.v2), state
 
 
 def estimating(alpha, believed):
     reduced = space_robot()
     task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
     law = RedundancyController(task, Harmonic([1.0, 0.5], 0.2, 0.2), Harmonic([0.0], [0.15], 0.1), 2.0, 2.0)
-    regressor = MomentumRegressor(reduced.robot, "platform", [UnknownMass(f"joint_{i}", unit=10.0) for i in (1, 2, 3)])
-    return (
-        reduced,
-        law,
-        regressor,
-        UncertainController(Estimator(reduced, regressor, believed, alpha=alpha), Rates(law)),
-    )
+    masses = [UnknownMass(f"joint_{i}", unit=10.0) for i in (1, 2, 3)]
+    regressor = control.MomentumRegressor(reduced.robot, "platform", masses)
+    estimator = control.Estimator(reduced, regressor, believed, alpha=alpha)
+    return reduced, law, regressor, control.UncertainController(estimator, Rates(law))
 
 
 def wide(**changes):
@@ -64,18 +53,16 @@ def wide(**changes):
     x1, x2 = reduced.at(q0).outputs()
     tip = MinimumJerk(x2[:2], x2[:2] + np.array([0.8, 0.1]), 4.0)
     vertical = MinimumJerk(x1, x1 - 0.1, 4.0)
-    secondary = Posture(task, Hold(x2[2:]), np.array([0.0, 2.0])) if changes.pop("posture", False) else None
+    secondary = control.Posture(task, Hold(x2[2:]), np.array([0.0, 2.0])) if changes.pop("posture", False) else None
     return reduced, RedundancyController(task, tip, vertical, 2.0, 2.0, secondary=secondary, **changes), q0
 
 
 def task_at(primary, redundant, vertical):
     """Places of outputs; first names of all three are those of a list, and there are four outputs of either kind."""
-    names = [
-        tuple(f"{kind}_{place}" for place in places)
-        for kind, places in zip("abc", (primary, redundant, vertical), strict=True)
-    ]
-    on_lines = (Coordinates(np.zeros(len(places), dtype=bool)) for places in (primary, redundant, vertical))
-    places = (np.array(each, dtype=int) for each in (primary, redundant, vertical))
+    groups = (primary, redundant, vertical)
+    names = [tuple(f"{kind}_{place}" for place in group) for kind, group in zip("abc", groups, strict=True)]
+    on_lines = (Coordinates(np.zeros(len(group), dtype=bool)) for group in groups)
+    places = (np.array(group, dtype=int) for group in groups)
     return rnc.Task(*places, *names, *on_lines, r=len(primary) + len(redundant))
 
 
@@ -117,12 +104,10 @@ def space_robot_task(duration=6.0, k3=2.0, k21=2.0):
     q0 = reduced.robot.configuration(ARM_START)
     _, x2 = reduced.at(q0).outputs()
     task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
-    kinematic = RedundancyController(
-        task, MinimumJerk(x2[:2], [1.15, 0.6], duration), MinimumJerk([0.0], [0.4], duration), k3, k21
-    )
-    return reduced, kinematic, q0
+    tip, platform = MinimumJerk(x2[:2], [1.15, 0.6], duration), MinimumJerk([0.0], [0.4], duration)
+    return reduced, RedundancyController(task, tip, platform, k3, k21), q0
 
 
 def gains_along(reduced, kinematic, q0, duration, dt=0.002, step=0.1):
     _, region = rnc.kinematic_rollout(reduced, kinematic, q0, duration, step)
-    return VelocityGains.scaled(reduced, region, dt)
+    return control.VelocityGains.scaled(reduced, region, dt)

@@ -117,9 +117,8 @@ def mecanum():
 
 def turret(behind=0.0):
     """A body on casters; a driven pivot carries two driven wheels, below it or some way behind."""
-    parts = [
-        caster(f"swivel{k}", "base", (0.45 * np.cos(a), 0.45 * np.sin(a), -0.05)) for k, a in enumerate((0.5, 2.6, 4.7))
-    ]
+    places = ((0.45 * np.cos(a), 0.45 * np.sin(a), -0.05) for a in (0.5, 2.6, 4.7))
+    parts = [caster(f"swivel{k}", "base", place) for k, place in enumerate(places)]
     parts += [pivot("turn", "base", (0.05, 0, 0), turns_round=True)]
     parts += [wheel(f"drive_{side}", "turn", (-behind, y, 0)) for side, y in (("l", 0.15), ("r", -0.15))]
     wheels = {
@@ -148,9 +147,8 @@ def with_gripper(base: Base) -> Base:
     """The base with a joint of an arm, and two fingers of which one mimics the other; its body is clear of wheels."""
     parts = link("arm", 1.0, at="0.1 0 0") + joint("shoulder", "base", "arm", (0, 0, 0.4), "0 0 1", limits=(-2, 2))
     for side, mimic in ((1, ""), (-1, '<mimic joint="f1_joint" multiplier="-1"/>')):
-        finger = joint(
-            f"f{side}_joint", "arm", f"f{side}", (0.3, 0.02 * side, 0), limits=(-0.05, 0.05), kind="prismatic"
-        )
+        place = (0.3, 0.02 * side, 0)
+        finger = joint(f"f{side}_joint", "arm", f"f{side}", place, limits=(-0.05, 0.05), kind="prismatic")
         parts += link(f"f{side}", 0.1) + finger.replace("</joint>", mimic + "</joint>")
     urdf = base.urdf.replace("</robot>", parts + transmissions("shoulder", "f1_joint") + "</robot>")
     return replace(base, urdf=urdf.replace(BOX, '<box size="0.04 0.04 0.04"/>'))

@@ -135,9 +135,8 @@ def riccati():
         return root @ root.mT + 0.1 * np.eye(shape[-1])
 
     AB, H, end = generator.normal(size=(N, nx, nx + nu)), positive(N, nx + nu), positive(nx)
-    return RiccatiFactors(AB, H, end).solve(
-        *(generator.normal(size=shape) for shape in ((N, nx + nu, m), (nx, m), (N, nx, m)))
-    )
+    shapes = ((N, nx + nu, m), (nx, m), (N, nx, m))
+    return RiccatiFactors(AB, H, end).solve(*(generator.normal(size=shape) for shape in shapes))
 
 
 def programs_in_stages():

@@ -6,27 +6,9 @@ import numpy as np
 import pinocchio as pin
 
 import rnc_pin as rnc
+import systems
 from bodies import add_frame
-from systems import (
-    ackermann_car,
-    balls_on_curved_ground,
-    bicycle,
-    bodies_on_bodies,
-    drifting_manipulator,
-    fire_truck,
-    four_bar,
-    free_arm,
-    free_flying_panda,
-    leaning_wheel,
-    mecanum,
-    mobile_manipulator,
-    rolling_bodies,
-    spinning_space_robot,
-    sprung_arm,
-    tiago,
-    tumbling_panda,
-    wheels_on_moving_ground,
-)
+from systems import free_arm
 
 BESIDE = (0.1, -0.2, 0.3)
 CONSTRAINTS = {
@@ -58,7 +40,7 @@ OUTPUTS = {
 
 def two_wheeler(constraints=(), outputs=(), vertical=(), gravity=True):
     """The robot of the bicycle with a frame of the world, driven at a joint and at two frames; heavy by default."""
-    model = bicycle().robot.model.copy()
+    model = systems.bicycle().robot.model.copy()
     add_frame(model, "box", at=(0.3, 1.1, -0.4))
     model.gravity.linear = np.array([0.0, 0.0, -9.81 * gravity])
     actuators = ["steer", rnc.FrameTorque("frame", "x"), rnc.FrameForce("front", "z")]
@@ -68,7 +50,7 @@ def two_wheeler(constraints=(), outputs=(), vertical=(), gravity=True):
 
 def momenta(value):
     """Arm on a base that is free or planar, whose momentum is given; no gravity."""
-    robot = rnc.Robot((free_flying_panda() if np.size(value) == 6 else planar_arm()).robot.model)
+    robot = rnc.Robot((systems.free_flying_panda() if np.size(value) == 6 else planar_arm()).robot.model)
     first, *others = robot.joint_names
     closed = [rnc.MomentumConservation(first, value)]
     return rnc.NonholonomicSystem(robot, closed, list(others)).reduce([rnc.JointPosition(name) for name in others])
@@ -93,15 +75,15 @@ KINDS = {
     "no momentum of a free base": lambda: momenta(np.zeros(6)),
     "momentum of a planar base": lambda: momenta((0.5, -0.2, 0.3)),
     "no momentum of a planar base": lambda: momenta(np.zeros(3)),
-    "momentum of a platform": spinning_space_robot,
-    "steering": ackermann_car,
-    "loop": four_bar,
-    "disk that leans": leaning_wheel,
-    "bodies that roll": rolling_bodies,
-    "bodies on bodies": bodies_on_bodies,
-    "balls on curved ground": balls_on_curved_ground,
-    "wheels on moving ground": wheels_on_moving_ground,
-    "forces": sprung_arm,
+    "momentum of a platform": systems.spinning_space_robot,
+    "steering": systems.ackermann_car,
+    "loop": systems.four_bar,
+    "disk that leans": systems.leaning_wheel,
+    "bodies that roll": systems.rolling_bodies,
+    "bodies on bodies": systems.bodies_on_bodies,
+    "balls on curved ground": systems.balls_on_curved_ground,
+    "wheels on moving ground": systems.wheels_on_moving_ground,
+    "forces": systems.sprung_arm,
 }
 """Reductions that need no Python after their description."""
 ILL_SCALED = ("distance", "momentum of a free base", "steering")
@@ -146,7 +128,5 @@ def driven_arm():
     return rnc.NonholonomicSystem(robot, rows, [rnc.FrameForce("tip", "x"), rnc.FrameTorque("base", "z"), "hand"])
 
 
-ROBOTS = {make.__name__: make for make in (
-    bicycle, drifting_manipulator, fire_truck, free_flying_panda, mecanum, mobile_manipulator, outputs_of_all_kinds,
-    tiago, tumbling_panda,
-)}  # fmt: skip
+WHOLE = "bicycle drifting_manipulator fire_truck free_flying_panda mecanum mobile_manipulator tiago tumbling_panda"
+ROBOTS = {**{name: systems.ALL[name] for name in WHOLE.split()}, "outputs_of_all_kinds": outputs_of_all_kinds}

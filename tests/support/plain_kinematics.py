@@ -31,9 +31,8 @@ def tree():
 def slider():
     """One degree of freedom, of which Pinocchio gives vectors in place of matrices."""
     model = pin.Model()
-    joint = add_body(
-        model, "turn", "RX", 2.0, com=(0.1, 0.2, 0.3), at=pin.SE3(pin.rpy.rpyToMatrix(0.2, 0.3, 0.4), np.ones(3))
-    )
+    place = pin.SE3(pin.rpy.rpyToMatrix(0.2, 0.3, 0.4), np.ones(3))
+    joint = add_body(model, "turn", "RX", 2.0, com=(0.1, 0.2, 0.3), at=place)
     add_frame(model, "on_turn", joint, pin.SE3(pin.rpy.rpyToMatrix(0.5, -0.3, 0.7), np.array([0.3, -0.4, 0.6])))
     return rnc.Robot(model)
 

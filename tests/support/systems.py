@@ -36,9 +36,8 @@ def in_joints(system: rnc.NonholonomicSystem) -> rnc.ReducedModel:
 
 
 def in_tip_and_joint(system: rnc.NonholonomicSystem) -> rnc.ReducedModel:
-    return system.reduce(
-        [rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")], [rnc.JointPosition("platform")]
-    )
+    outputs = [rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")]
+    return system.reduce(outputs, [rnc.JointPosition("platform")])
 
 
 @cache
@@ -156,9 +155,8 @@ def drifting_manipulator() -> rnc.ReducedModel:
 def tumbling_panda() -> rnc.ReducedModel:
     """A free-flyer base whose linear and angular momentum are constant in the world, not in its own axes."""
     system = floating_panda((2.0, -1.0, 0.5, 0.3, 0.4, -0.6))
-    return system.reduce(
-        [rnc.JointPosition(joint) for joint in PANDA], [rnc.FramePosition("panda_hand"), rnc.FrameYaw("panda_link0")]
-    )
+    joints = [rnc.JointPosition(joint) for joint in PANDA]
+    return system.reduce(joints, [rnc.FramePosition("panda_hand"), rnc.FrameYaw("panda_link0")])
 
 
 CRANK, COUPLER, ROCKER, GROUND = 0.3, 0.8, 0.6, 0.9
@@ -217,9 +215,8 @@ def bicycle() -> rnc.ReducedModel:
     system = rnc.NonholonomicSystem(rnc.Robot(model), wheels, ["rear_wheel", "steer", rnc.FrameTorque("frame", "x")])
     lean = np.eye(9)[3:4]  # angular velocity about the frame's own x axis
     roll = rnc.Output(None, lambda q: lean, lambda q, v: 0 * lean, ["roll_rate"])
-    return system.reduce(
-        [roll, rnc.JointPosition("steer"), rnc.JointPosition("rear_wheel")], [rnc.FramePosition("front", "xy")]
-    )
+    joints = [rnc.JointPosition("steer"), rnc.JointPosition("rear_wheel")]
+    return system.reduce([roll, *joints], [rnc.FramePosition("front", "xy")])
 
 
 def rolling_base(wheels: dict[str, tuple[float, float]], radius: float, base: str = "planar") -> pin.Model:
@@ -337,9 +334,8 @@ def ackermann_car() -> rnc.ReducedModel:
     wheels = [rnc.RollingWheel(name, WHEEL) for name in ("fl", "fr", "bl", "br")]
     steering = rnc.AckermannSteering("left_steer", "right_steer", "bl")
     system = rnc.NonholonomicSystem(ackermann_robot(), [*wheels, steering], ["left_steer", "bl_spin", "br_spin"])
-    return system.reduce(
-        [rnc.FrameSpeed("base"), rnc.JointPosition("left_steer")], [rnc.FrameYaw("base"), rnc.FramePosition("fl", "xy")]
-    )
+    outputs = [rnc.FrameSpeed("base"), rnc.JointPosition("left_steer")]
+    return system.reduce(outputs, [rnc.FrameYaw("base"), rnc.FramePosition("fl", "xy")])
 
 
 ALL = {function.__name__: function for function in (

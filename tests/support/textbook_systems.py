@@ -137,9 +137,8 @@ def sliders_with_rows(A, A_dot=None):
 
     names = [f"row_{i}" for i in range(k)]
     reduced = rnc.NonholonomicSystem(rail_sliders(r + k), [rnc.Pfaffian(rows, rows_dot, names)])
-    return reduced.reduce(
-        [rnc.JointPosition(f"s{i}") for i in range(r)], [rnc.JointPosition(f"s{i}") for i in range(r, r + k)]
-    )
+    joints = [rnc.JointPosition(f"s{i}") for i in range(r + k)]
+    return reduced.reduce(joints[:r], joints[r:])
 
 
 def wheeled_pendulum(actuators=("left_axle", "right_axle")):
@@ -158,9 +157,8 @@ def vertical_disk():
 def tractor_trailers(n):
     robot = rnc.Robot.from_urdf("tractor_trailers.urdf.xacro", base="planar", xacro_arguments={"trailers": n})
     axles = ["front_axle", "tractor_axle", *(f"axle_{number}" for number in range(1, n + 1))]
-    system = rnc.NonholonomicSystem(
-        robot, [rnc.NoSideSlip(axle) for axle in axles], [rnc.FrameForce("tractor", "x"), "front_steering"]
-    )
+    rows, inputs = [rnc.NoSideSlip(axle) for axle in axles], [rnc.FrameForce("tractor", "x"), "front_steering"]
+    system = rnc.NonholonomicSystem(robot, rows, inputs)
     return system.reduce([rnc.FrameSpeed("tractor"), rnc.JointPosition("front_steering")])
 
 
@@ -173,9 +171,8 @@ def chaplygin_sleigh() -> rnc.ReducedModel:
     model.name = "sleigh"
     com, moments = (p["a"], 0.0, 0.0), (0.3, 0.3, p["I_com"])
     add_body(model, "root_joint", "Planar", p["m"], com=com, moments=moments, frame="edge")
-    system = rnc.NonholonomicSystem(
-        rnc.Robot(model), [rnc.NoSideSlip("edge")], [rnc.FrameForce("edge", "x"), rnc.FrameTorque("edge", "z")]
-    )
+    inputs = [rnc.FrameForce("edge", "x"), rnc.FrameTorque("edge", "z")]
+    system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.NoSideSlip("edge")], inputs)
     return system.reduce([rnc.FrameSpeed("edge"), rnc.FrameYaw("edge")], [rnc.FramePosition("edge", "xy")])
 
 

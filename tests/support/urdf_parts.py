@@ -37,9 +37,8 @@ def joint(name, parent, child, at, axis="0 1 0", kind="continuous", effort=10.0,
 def wheel(name, parent, at, radius=0.1, effort=10.0, toe=0.0, shape=None):
     """A wheel about y, with the joint ``<name>_joint``; toe turns it about the vertical [rad]."""
     drawn = shape or f'<cylinder radius="{radius}" length="0.04"/>'
-    return link(name, 0.5, drawn, turn="1.570796326794897 0 0") + joint(
-        f"{name}_joint", parent, name, at, effort=effort, rpy=f"0 0 {toe}"
-    )
+    rolls = joint(f"{name}_joint", parent, name, at, effort=effort, rpy=f"0 0 {toe}")
+    return link(name, 0.5, drawn, turn="1.570796326794897 0 0") + rolls
 
 
 def pivot(name, parent, at, effort=10.0, lean=0.0, turns_round=False):
@@ -51,9 +50,8 @@ def pivot(name, parent, at, effort=10.0, lean=0.0, turns_round=False):
 def caster(name, parent, at, radius=0.05, trail=0.04, effort=0.0):
     """A wheel behind a free swivel; ``at`` is the place of the swivel above the ground contact."""
     x, y, z = at
-    return pivot(name, parent, (x, y, z), effort, turns_round=True) + wheel(
-        f"{name}_roll", name, (-trail, 0, 0), radius, effort
-    )
+    roll = wheel(f"{name}_roll", name, (-trail, 0, 0), radius, effort)
+    return pivot(name, parent, (x, y, z), effort, turns_round=True) + roll
 
 
 def transmissions(*joints):

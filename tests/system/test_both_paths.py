@@ -33,9 +33,8 @@ np.savez("runs.npz", kernel=rnc_pin.kernel, **columns)
 @pytest.fixture(scope="module")
 def by_numpy(tmp_path_factory):
     folder = tmp_path_factory.mktemp("numpy")
-    subprocess.run(
-        [sys.executable, "-c", SCRIPT], check=True, cwd=folder, env={**os.environ, "RNC_PIN_KERNEL": "numpy"}
-    )
+    environment = {**os.environ, "RNC_PIN_KERNEL": "numpy"}
+    subprocess.run([sys.executable, "-c", SCRIPT], check=True, cwd=folder, env=environment)
     with np.load(folder / "runs.npz") as found:
         assert str(found["kernel"]) == "numpy"
         return dict(found)

@@ -48,9 +48,8 @@ PERIODS = {
 
 
 def summary_of(name, compared=False, **options):
-    prepared = Scenario.load(
-        name, {**options, "plots": {}} if compared else {**options, "comparisons": {}, "plots": {}}
-    ).build()
+    options = {**({} if compared else {"comparisons": {}}), **options, "plots": {}}
+    prepared = Scenario.load(name, options).build()
     assert "controller.preset" in options or prepared.experiment.warnings == ()
     result = execute(prepared)
     assert result.error is None
@@ -133,9 +132,8 @@ def test_figure_8():
 )
 def test_the_papers_own_coordinates_do_where_they_are_regular(name, coordinate):
     """Section 4.2's z1 and figure 8's theta1 in place of the forward speed."""
-    prepared = Scenario.load(
-        name, {"variant": "paper-coordinates", "comparisons": {}, "plots": {}, "simulation.dt": 0.008}
-    ).build()
+    options = {"variant": "paper-coordinates", "comparisons": {}, "plots": {}, "simulation.dt": 0.008}
+    prepared = Scenario.load(name, options).build()
     assert coordinate in prepared.experiment.reduced.reducing.names
     assert not any("speed" in each for each in prepared.experiment.reduced.reducing.names)
     result = execute(prepared)

@@ -66,9 +66,8 @@ def test_a_page_pauses_steps_and_tunes_a_loop(browser):
         assert eventually(lambda: view.gains["rate"] == pytest.approx(-1.5, abs=0.01))
         page.reload()
         page.wait_for_selector("#loop button:has-text('Continue')", timeout=1000 * PATIENCE)
-        assert float(page.eval_on_selector("#loop .slider input", "each => each.value")) == pytest.approx(
-            -1.5, abs=0.01
-        )
+        value = page.eval_on_selector("#loop .slider input", "each => each.value")
+        assert float(value) == pytest.approx(-1.5, abs=0.01)
         page.evaluate(
             "panel.send({kind: 'gain', name: 'rate', value: 3.0}); panel.send({kind: 'gain', name: 'no', value: 1})"
         )

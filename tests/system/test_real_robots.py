@@ -79,9 +79,8 @@ def test_a_mounted_robot_moves_as_it_does_alone():
     assert both.nv == satellite.nv + arm.nv
     np.testing.assert_array_equal(both.model.gravity.linear, np.zeros(3))
     with_base = rnc.Robot.from_example("panda", base="free")  # a fixed base's own link has its mass, too
-    assert pin.computeTotalMass(both.model) == pytest.approx(
-        pin.computeTotalMass(satellite.model) + pin.computeTotalMass(with_base.model)
-    )
+    total, *parts = (pin.computeTotalMass(each.model) for each in (both, satellite, with_base))
+    assert total == pytest.approx(sum(parts))
     generator = np.random.default_rng(0)
     base, q = satellite.random_configuration(generator), arm.random_configuration(generator)
     data, alone = both.model.createData(), arm.model.createData()

@@ -31,9 +31,8 @@ def test_toed_wheels_keep_their_yaw():
     assert "rows that depend on others except for rounding (1.8e-07) are dropped" in str(said[0].message)
     assert system.r == 2
     dropped = {row.name: row for row in system.dropped_rows}
-    assert (
-        dropped["lateral(right_wheel)"].reason == "a combination of lateral(left_wheel) except for rounding (1.8e-07)"
-    )
+    reason = "a combination of lateral(left_wheel) except for rounding (1.8e-07)"
+    assert dropped["lateral(right_wheel)"].reason == reason
     assert dropped["vertical(left_wheel)"].rounding == 0.0
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -41,12 +40,10 @@ def test_toed_wheels_keep_their_yaw():
     q, T = system.robot.configuration(), [0.3, 0.1]
     outputs = [rnc.FrameSpeed("base"), rnc.FrameYaw("base")]
     rounded, ideal = system.reduce(outputs), exact.reduce(outputs)
-    np.testing.assert_allclose(
-        rounded.forward_dynamics(q, [0.2, 0.5], T), ideal.forward_dynamics(q, [0.2, 0.5], T), rtol=1e-4
-    )
-    np.testing.assert_allclose(
-        rounded.at(q, [0.2, 0.5]).contact_forces(T), ideal.at(q, [0.2, 0.5]).contact_forces(T), rtol=1e-4, atol=1e-5
-    )
+    accelerations = (each.forward_dynamics(q, [0.2, 0.5], T) for each in (rounded, ideal))
+    np.testing.assert_allclose(*accelerations, rtol=1e-4)
+    forces = (each.at(q, [0.2, 0.5]).contact_forces(T) for each in (rounded, ideal))
+    np.testing.assert_allclose(*forces, rtol=1e-4, atol=1e-5)
 
 
 def test_wheels_that_are_toed_more_are_warned_of():

@@ -59,9 +59,8 @@ def test_a_scenario_names_what_is_unknown(tmp_path):
     experiment = wheels_of(unknown, tmp_path)
     np.testing.assert_array_equal(experiment.controller.estimator.initial, [0.12, 0.09, 0.3])
     record = experiment.provenance.to_json()
-    assert record["estimates"] == dict.fromkeys(
-        ("radius of left_wheel", "radius of right_wheel", "track of left_wheel, right_wheel"), "m"
-    )
+    names = ("radius of left_wheel", "radius of right_wheel", "track of left_wheel, right_wheel")
+    assert record["estimates"] == dict.fromkeys(names, "m")
     assert record["predicted"] == {"rolling(left_wheel)": "m/s", "rolling(right_wheel)": "m/s"}
 
 

@@ -5,31 +5,21 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+import systems
 from bodies import add_body, add_frame
 from kinds import BESIDE
 from refusals import refused
 from rnc_pin.control.regressors import UnknownRadius, WheelRegressor
 from rnc_pin.model.kinematics import Kinematics
 from row_kinds import OF_TWO_WHEELS
-from systems import (
-    CORNERS,
-    TRACK,
-    WHEEL,
-    WHEELBASE,
-    ackermann_robot,
-    add_wheel,
-    bicycle,
-    mecanum,
-    random_states,
-    rolling_base,
-)
+from systems import CORNERS, WHEEL, random_states
 from tolerances import ROUNDING
 
 
 @pytest.mark.parametrize("name", ["mecanum", "omni", "skid", "side slip x", "side slip y", "caster of a wheel"])
 def test_rows_are_drawn_where_they_act(name):
     """The velocity of the material point at the line of action, along it, is what the row forbids."""
-    kind, robot = OF_TWO_WHEELS[name], bicycle().robot
+    kind, robot = OF_TWO_WHEELS[name], systems.bicycle().robot
     rows, kinematics = kind.bind(robot), Kinematics(robot)
     frame = robot.frame_id(kind.frame)
     generator = np.random.default_rng(5)
@@ -49,12 +39,12 @@ def test_rows_are_drawn_where_they_act(name):
 
 def test_three_omni_wheels_turn_as_they_are_pushed_along_their_headings():
     """The textbook's matrix of a kiwi drive: radius * rate = heading . v + distance * yaw rate."""
-    model, distance = rolling_base({}, WHEEL), 0.2
+    model, distance = systems.rolling_base({}, WHEEL), 0.2
     angles = np.array([0.0, 2.0, -2.2])
     for k, angle in enumerate(angles):
         # The axle points outwards, so a wheel at angle a heads along (sin a, -cos a).
         out = pin.SE3(pin.utils.rotate("z", angle - np.pi / 2), distance * np.array([np.cos(angle), np.sin(angle), 0]))
-        add_wheel(model, 1, f"wheel_{k}", out, WHEEL)
+        systems.add_wheel(model, 1, f"wheel_{k}", out, WHEEL)
     wheels = [rnc.RollingWheel(f"wheel_{k}", WHEEL, roller=0) for k in range(3)]
     spins = [f"wheel_{k}_spin" for k in range(3)]
     reduced = rnc.NonholonomicSystem(rnc.Robot(model), wheels, spins).reduce([*map(rnc.JointPosition, spins)])
@@ -113,7 +103,7 @@ def test_a_wheel_rolls_about_an_axis_in_any_direction(axis, tmp_path):
 
 def test_a_skid_steer_turns_about_the_axle_it_is_given():
     """Wheels that skid have a rolling and a vertical row; one equivalent axle, off the middle, takes the side slip."""
-    robot = rnc.Robot(rolling_base(CORNERS, WHEEL))
+    robot = rnc.Robot(systems.rolling_base(CORNERS, WHEEL))
     behind = -0.12
     pair = [rnc.RollingWheel(name, WHEEL, lateral=False) for name in ("fl", "fr")]
     system = rnc.NonholonomicSystem(robot, [*pair, rnc.NoSideSlip("base", at=(behind, 0, 0))], ["fl_spin", "fr_spin"])
@@ -129,7 +119,7 @@ def test_a_skid_steer_turns_about_the_axle_it_is_given():
 
 
 def test_radii_of_mecanum_wheels_can_be_estimated():
-    reduced = mecanum()
+    reduced = systems.mecanum()
     regressor = WheelRegressor(reduced, [UnknownRadius(list(CORNERS))])
     assert regressor.predicted == tuple(f"roller({name})" for name in CORNERS)
     model = regressor.estimated(reduced)
@@ -179,7 +169,7 @@ def test_a_point_beside_a_frame_is_as_a_frame_there():
     frames |= {
         name: ("front", pin.SE3(R, np.array([0.0, 0.1, -0.4]))) for name, R in (("b", np.eye(3)), ("b_turned", back))
     }
-    robot = with_frames(bicycle().robot, frames)
+    robot = with_frames(systems.bicycle().robot, frames)
     offsets = {"offset_a": BESIDE, "offset_b": (0.0, 0.1, -0.4)}
     pairs = [
         (rnc.NoSideSlip("rear", "z", at=BESIDE), rnc.NoSideSlip("a", "z")),
@@ -210,7 +200,7 @@ test_what_makes_no_sense_is_refused = refused([
     (rnc.RollingWheel("rear", 0.3, roller=45), rnc.ConstraintError, "found 45 rad .* 0.7854 or -0.7854"),
     (rnc.RollingWheel("rear", 0.3, roller=np.nan), rnc.ConstraintError, "found nan rad"),
     (rnc.RollingWheel("rear", 0.3, roller=0, lateral=False), rnc.ConfigurationError, "omit one of them"),
-], lambda kind: kind.bind(bicycle().robot))  # fmt: skip
+], lambda kind: kind.bind(systems.bicycle().robot))  # fmt: skip
 
 
 @pytest.mark.parametrize("axis", [None, "y"])
@@ -218,9 +208,9 @@ test_what_makes_no_sense_is_refused = refused([
 def test_the_linkage_as_a_coupler_has_its_angle_and_slope(first, axis):
     """``cot(r) - cot(l) = w / L``, so ``dl / dr = sin(l)^2 / sin(r)^2``; the right axis points down."""
     joints = ("left_steer", "right_steer") if first == "left" else ("right_steer", "left_steer")
-    (coupler,) = rnc.AckermannSteering(*joints, "bl", axis=axis).bind(ackermann_robot()).mechanisms()
+    (coupler,) = rnc.AckermannSteering(*joints, "bl", axis=axis).bind(systems.ackermann_robot()).mechanisms()
     assert (coupler.joint, coupler.driver, coupler.period) == (*joints, np.pi)
-    sign, k = (1.0 if first == "left" else -1.0), TRACK / WHEELBASE
+    sign, k = (1.0 if first == "left" else -1.0), systems.TRACK / systems.WHEELBASE
     for position in (-0.9, -0.2, 0.3, 0.8):
         angle, slope = coupler.function(position)
         # To the left: the joint that leads turns by -sign * position, the one that follows by sign * angle.
@@ -231,10 +221,10 @@ def test_the_linkage_as_a_coupler_has_its_angle_and_slope(first, axis):
 
 
 def test_a_car_that_is_steered_behind_turns_its_rear_wheels_the_other_way():
-    model = rolling_base({"fl": (0.0, 0.3), "fr": (0.0, -0.3)}, WHEEL)
+    model = systems.rolling_base({"fl": (0.0, 0.3), "fr": (0.0, -0.3)}, WHEEL)
     for name, y in (("left", 0.3), ("right", -0.3)):
         joint = add_body(model, name, "RZ", 1.0, 1, moments=0.01, at=(-1.1, y, 0.0))
-        add_wheel(model, joint, f"b{name[0]}", pin.SE3.Identity(), WHEEL)
+        systems.add_wheel(model, joint, f"b{name[0]}", pin.SE3.Identity(), WHEEL)
     wheels = [rnc.RollingWheel(name, WHEEL) for name in ("fl", "fr", "bl", "br")]
     system = rnc.NonholonomicSystem(rnc.Robot(model), [*wheels, rnc.AckermannSteering("left", "right", "fl")])
     assert system.r == 2
@@ -255,7 +245,7 @@ def test_a_car_that_is_steered_behind_turns_its_rear_wheels_the_other_way():
     (("left_steer", "right_steer", "b"), rnc.ModelError, "no frame 'b'"),
 ])  # fmt: skip
 def test_steering_that_is_none_is_refused(joints, error, words):
-    model = ackermann_robot().model.copy()
+    model = systems.ackermann_robot().model.copy()
     slanted = pin.JointModelRevoluteUnaligned(np.array([0.4, 0.0, np.sqrt(0.84)]))
     for name, kind, where in (
         ("leaning", slanted, (1.0, 0.3, 0.0)), ("sliding", "PZ", (1.0, 0.3, 0.0)),

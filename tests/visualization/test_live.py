@@ -245,9 +245,8 @@ def test_a_robot_with_collision_shapes_only_is_drawn_by_them(tmp_path):
             f'<robot name="hull"><link name="hull">{visual}{2 * f"<collision>{hull}</collision>"}</link></robot>'
         )
         window = SceneWindow()
-        MeshcatRobot(
-            rnc.Robot.from_urdf(tmp_path / "hull.urdf", base="planar", masses={"hull": 9.0}), MeshcatScene(window)
-        )
+        hull = rnc.Robot.from_urdf(tmp_path / "hull.urdf", base="planar", masses={"hull": 9.0})
+        MeshcatRobot(hull, MeshcatScene(window))
         assert len([key for key in window.latest if "set_object" in key and "hull" in str(key)]) == count
 
 

@@ -110,9 +110,8 @@ def test_vehicles_are_seen_from_above_with_their_headings(drive):
     named = [text.get_text() for text in axes.get_legend().get_texts()]
     assert named == ["planned path", "tractor", "trailer 1", "trailer 2", "trailer 3", "desired"]
     x, y = column(run, "x1", "axle_3_x"), column(run, "x1", "axle_3_y")
-    last = next(
-        line for line in axes.get_lines() if len(line.get_xdata()) == len(x) and np.allclose(line.get_xdata(), x)
-    )
+    lines = (each for each in axes.get_lines() if len(each.get_xdata()) == len(x))
+    last = next(each for each in lines if np.allclose(each.get_xdata(), x))
     np.testing.assert_allclose(last.get_ydata(), y, atol=1e-12)
     marks = [line for line in axes.get_lines() if isinstance(line.get_marker(), MarkerPath)]
     own = [mark for mark in marks if mark.get_color() == last.get_color()]

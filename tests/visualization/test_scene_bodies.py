@@ -4,16 +4,10 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
+from rnc_pin.visualization import scene_bodies
 from rnc_pin.visualization.drawn_state import DrawnModel, DrawnState, View, grounds_of
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
-from rnc_pin.visualization.scene_bodies import (
-    GROUND,
-    GroundElement,
-    carrier_placement,
-    ground_patch,
-    is_drawn,
-    seen_from,
-)
+from rnc_pin.visualization.scene_bodies import GROUND, ground_patch, is_drawn
 from rnc_pin.visualization.scene_kinematics import SceneKinematics
 
 GROUNDS = {
@@ -48,11 +42,12 @@ def test_ground_on_a_body_moves_with_it_and_is_drawn_if_the_body_is_not():
     kinematics = SceneKinematics(robot)
     place = kinematics.placement("plate", tilted)
     center = kinematics.center_of_mass(tilted)
-    np.testing.assert_allclose(place.act(seen_from(plane, kinematics, tilted)), center, atol=1e-12)
-    np.testing.assert_allclose(seen_from(rnc.GroundPlane(), kinematics, tilted), center, atol=1e-12)
-    placement = carrier_placement(plane, kinematics)
-    assert carrier_placement(rnc.GroundPlane(), kinematics) is None
-    scene, sheet = MeshcatScene(), GroundElement(GROUND, "plate", ground_patch(plane, np.zeros((1, 3)), 1.0), placement)
+    np.testing.assert_allclose(place.act(scene_bodies.seen_from(plane, kinematics, tilted)), center, atol=1e-12)
+    np.testing.assert_allclose(scene_bodies.seen_from(rnc.GroundPlane(), kinematics, tilted), center, atol=1e-12)
+    placement = scene_bodies.carrier_placement(plane, kinematics)
+    assert scene_bodies.carrier_placement(rnc.GroundPlane(), kinematics) is None
+    scene, patch = MeshcatScene(), ground_patch(plane, np.zeros((1, 3)), 1.0)
+    sheet = scene_bodies.GroundElement(GROUND, "plate", patch, placement)
     moved = {}
     scene.place = lambda name, matrix: moved.update({name: matrix})
     sheet.build(scene)

@@ -22,9 +22,8 @@ from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_o
 from simple_controllers import silent
 from terminal import results
 
-SPACE_ROBOT = with_options(
-    read_yaml(find_scenario("space-robot")), {"comparisons": {}, "simulation.duration": 0.1, "sweep": {}}
-)
+QUICK = {"comparisons": {}, "simulation.duration": 0.1, "sweep": {}}
+SPACE_ROBOT = with_options(read_yaml(find_scenario("space-robot")), QUICK)
 CART = {  # a cart on two wheels, whose file is written by the case
     "robot": {"urdf": "robot.urdf", "base": "planar"},
     "constraints": [

@@ -244,9 +244,8 @@ def test_explore_finds_the_answers_of_the_paper_and_writes_scenarios_that_succee
 ):
     status, out, error = call("explore", system, *start, "--json")
     assert (status, error) == (0, "")
-    row = next(
-        each for each in parsed(out)["rows"] if (each["redundancy_class"], {*each["vertical"]}) == (kind, vertical)
-    )
+    rows = parsed(out)["rows"]
+    row = next(each for each in rows if (each["redundancy_class"], {*each["vertical"]}) == (kind, vertical))
     file = tmp_path / "use.yaml"
     status, out, _ = call("explore", system, *start, "--write", file, "--row", row["row"])
     assert status == 0

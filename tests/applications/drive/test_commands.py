@@ -6,19 +6,8 @@ import math
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.applications.drive.commands import (
-    KINDS,
-    BaseGoal,
-    BaseVelocity,
-    EndRun,
-    FrameGoal,
-    GainSetting,
-    HoldBase,
-    JointGoal,
-    ReleaseFrame,
-    StopMotion,
-    parse_command,
-)
+from rnc_pin.applications.drive import commands
+from rnc_pin.applications.drive.commands import parse_command
 from rnc_pin.applications.drive.controls import DriveControls, DrivenBase, Range
 
 CONTROLS = DriveControls(
@@ -27,20 +16,20 @@ CONTROLS = DriveControls(
     base=DrivenBase("base", turns=True, slides=False),
 )
 VALID = [
-    FrameGoal(frame="tip", position=(1.0, 2.5, -0.1), orientation=(0.0, 0.0, 0.0, 1.0)),
-    ReleaseFrame(frame="tip"),
-    JointGoal(joint="elbow", position=2.0),
-    BaseVelocity(forward=-1.0, turn=0.5),
-    BaseGoal(x=1.0, y=-2.0),
-    HoldBase(on=True),
-    GainSetting(gain="base speed", value=0.3),
-    StopMotion(),
-    EndRun(),
+    commands.FrameGoal(frame="tip", position=(1.0, 2.5, -0.1), orientation=(0.0, 0.0, 0.0, 1.0)),
+    commands.ReleaseFrame(frame="tip"),
+    commands.JointGoal(joint="elbow", position=2.0),
+    commands.BaseVelocity(forward=-1.0, turn=0.5),
+    commands.BaseGoal(x=1.0, y=-2.0),
+    commands.HoldBase(on=True),
+    commands.GainSetting(gain="base speed", value=0.3),
+    commands.StopMotion(),
+    commands.EndRun(),
 ]
 
 
 def test_each_kind_is_read_from_its_message():
-    assert {command.kind for command in VALID} == set(KINDS)
+    assert {command.kind for command in VALID} == set(commands.KINDS)
     for command in VALID:
         assert parse_command(json.loads(json.dumps({"kind": command.kind, **dict(command)})), CONTROLS) == command
 

@@ -102,9 +102,8 @@ def bending(folder, rake=0.0, commands=()):
     front = "front" if rake else "front_left"
     text = BENDING.format(front=front)
     if not rake:
-        text = text.replace(
-            "actuators", "  - rolling_wheel: {frame: front_right, radius: 0.2, lateral: false}\nactuators"
-        )
+        free = "  - rolling_wheel: {frame: front_right, radius: 0.2, lateral: false}\nactuators"
+        text = text.replace("actuators", free)
     (folder / "bending.yaml").write_text(text)
     return prepared(str(folder / "bending.yaml"), commands, simulation__dt=DT)
 

@@ -47,9 +47,8 @@ def test_a_draft_names_no_folder_of_the_computer(tmp_path):
 
 
 def outcome_of(path, duration, warnings=()):
-    prepared = Scenario.load(
-        str(path), {"simulation.duration": duration, **({"simulation.dt": 0.01} if duration > 1 else {})}
-    ).build()
+    options = {"simulation.duration": duration, **({"simulation.dt": 0.01} if duration > 1 else {})}
+    prepared = Scenario.load(str(path), options).build()
     assert [each.split(":")[0] for each in prepared.experiment.warnings] == list(warnings)
     return execute(prepared).summary
 
@@ -186,9 +185,8 @@ def test_two_axles_that_are_only_drawn_leave_the_base_its_turn(tmp_path):
 def test_a_name_with_control_characters_gives_a_draft_that_can_be_read(tmp_path):
     text = find_urdf("differential_drive.urdf", Path()).read_text()
     name = re.search(r'<robot name="([^"]*)"', text)[1]
-    (tmp_path / "robot.urdf").write_text(
-        text.replace(f'name="{name}"', 'name="cart\u009b2J\u0085"', 1), encoding="utf-8"
-    )
+    strange = text.replace(f'name="{name}"', 'name="cart\u009b2J\u0085"', 1)
+    (tmp_path / "robot.urdf").write_text(strange, encoding="utf-8")
     path = tmp_path / "robot.yaml"
     path.write_text(draft(str(tmp_path / "robot.urdf"), tmp_path, DraftOptions()), encoding="utf-8")
     assert r"cart\x9b2J" in path.read_text(encoding="utf-8").splitlines()[0]

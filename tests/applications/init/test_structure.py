@@ -219,9 +219,8 @@ def drives_of(count):
 def tracks(called):
     """Wheels of a track are called so, or they are many."""
     first = pair("sprocket" if called == "idler" else "w", "base", -0.5, 0.25)
-    return robot(
-        link("base", 20.0, BOX), first, *(pair(f"{called}{k}", "base", -0.3 + 0.2 * k, 0.25) for k in range(4))
-    )
+    others = (pair(f"{called}{k}", "base", -0.3 + 0.2 * k, 0.25) for k in range(4))
+    return robot(link("base", 20.0, BOX), first, *others)
 
 
 def tracks_on_bogies():
@@ -237,9 +236,8 @@ def tracks_on_bogies():
 def drawn(name, parent, at, axis="0 0 1", kind="revolute", limits=(-0.6, 0.6), yaw=0.0):
     """A wheel without a joint about its axle: fixed to a body, or on a pivot; its frame is turned [rad]."""
     shape = '<cylinder radius="0.1" length="0.04"/>'
-    return link(name, 0.5, shape, turn=f"1.570796326794897 0 {-yaw}") + joint(
-        f"{name}_joint", parent, name, at, axis, kind, limits=limits, rpy=f"0 0 {yaw}"
-    )
+    turns = joint(f"{name}_joint", parent, name, at, axis, kind, limits=limits, rpy=f"0 0 {yaw}")
+    return link(name, 0.5, shape, turn=f"1.570796326794897 0 {-yaw}") + turns
 
 
 def drawn_pair(name, parent, x, **more):
@@ -474,9 +472,8 @@ def with_virtual_wheels(*named):
     parts = [link(name, 6e-5, moment=1e-8) for name in ("rear", "turn", "front")]
     parts += [joint("rear_v", "base", "rear", (-0.3, 0, 0)), joint("front_v", "turn", "front", (0, 0, 0))]
     parts += [joint("turn_v", "base", "turn", (0.3, 0, 0), "0 0 1", "revolute", limits=(-0.6, 0.6))]
-    return robot(
-        link("base", 10.0, BOX), pair("back", "base", -0.3), knuckles("k", "f", 0.3), *parts, transmissions(*named)
-    )
+    front = knuckles("k", "f", 0.3)
+    return robot(link("base", 10.0, BOX), pair("back", "base", -0.3), front, *parts, transmissions(*named))
 
 
 VIRTUAL = ("rear_v", "turn_v", "front_v")
@@ -513,9 +510,8 @@ def test_a_wheel_with_its_mass_beside_the_axle_is_to_be_checked(drafted, tmp_pat
         pair("w", "base", 0),
         fixed("skid", (0.2, 0, -0.07), "<sphere radius='0.03'/>"),
     )
-    moved_mass = text.replace(
-        '<link name="w_r"><inertial><origin xyz="0 0 0"', '<link name="w_r"><inertial><origin xyz="0.3 0.1 0"'
-    )
+    inertial = '<link name="w_r"><inertial><origin xyz="{}"'
+    moved_mass = text.replace(inertial.format("0 0 0"), inertial.format("0.3 0.1 0"))
     for each in (text, moved_mass):
         drafted(each)
         said = " ".join((tmp_path / "unit.yaml").read_text().replace("# ", "").split())
@@ -534,9 +530,7 @@ def test_an_axis_across_a_drawn_cylinder_is_said(drafted, tmp_path):
     """Joints without an <axis> turn about x, and the cylinders of these wheels are about y."""
     turned = re.sub('"(?=[lr](_joint)?")', '"wheel_', two_wheels(LOW, tall=0.5))
     turned = turned.replace('axis xyz="0 1 0"', 'axis xyz="1 0 0"')
-    with pytest.raises(
-        ConfigurationError, match="wheel_l_joint, wheel_r_joint: the joint's axis is across that of its drawn"
-    ):
+    with pytest.raises(ConfigurationError, match="wheel_l_joint, wheel_r_joint: the joint's axis is across that of"):
         drafted(turned)
     drafted(four_wheels().replace('axis xyz="0 1 0"', 'axis xyz="1 0 0"'))
     assert (
@@ -717,14 +711,10 @@ def test_bodies_with_one_moment_of_inertia_float_in_a_plane(drafted, tmp_path):
         parts += [link(name, 1.0, at=f"{x / 2} 0 0"), joint(f"{name}_joint", "bus", name, (x, 0, 0), "0 0 1")]
     text = re.sub('ixx="[^"]*" iyy="[^"]*"', 'ixx="0" iyy="0"', robot(*parts))
     kind, content, _ = drafted(text)
-    assert kind.startswith(
-        "planar: no wheels, and 3 limbs on one body, and bus, a, b and 1 more have a moment of inertia"
-    )
+    assert kind.startswith("planar: no wheels, and 3 limbs on one body, and bus, a, b and 1 more have a moment of")
     assert content["constraints"] == [{"momentum": "root_joint"}]
     free = Robot.from_urdf(tmp_path / "unit.urdf", base="free", gravity=(0, 0, 0))
-    with pytest.raises(
-        ConstraintError, match=r"bus, a, b and 1 more have a moment of inertia about one axis only.*planar"
-    ):
+    with pytest.raises(ConstraintError, match=r"bus, a, b and 1 more have a moment of inertia about one axis.*planar"):
         NonholonomicSystem(free, [MomentumConservation("root_joint")])
 
 

@@ -73,9 +73,8 @@ def assert_same_with_noise(path, folder, base=None):
 @pytest.mark.parametrize("name", [*SHIPPED, *STRANGE, *SOME, *ZOO])
 def test_noise_changes_no_draft(name, tmp_path):
     strange = DIRT / name
-    assert_same_with_noise(
-        strange if strange.exists() else example_urdfs().get(name) or find_urdf(name, tmp_path), tmp_path
-    )
+    path = strange if strange.exists() else example_urdfs().get(name) or find_urdf(name, tmp_path)
+    assert_same_with_noise(path, tmp_path)
 
 
 FORK = (DIRT / "raked_fork.urdf").read_text()

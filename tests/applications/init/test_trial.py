@@ -158,9 +158,8 @@ def test_efforts_beyond_the_file_are_said(tmp_path, brief):
 def pendulum(lower, upper, effort, speed=20, center="0.5 0 0"):
     """A rod of 2 kg on a horizontal axle, with its center of mass in a place of the rod [m]."""
     axle = joint("axle", "base", "rod", (0, 0, 0), kind="revolute", effort=effort, limits=(lower, upper))
-    return robot(
-        link("base"), link("rod", 2, at=center, moment=0.05), axle.replace('velocity="20"', f'velocity="{speed}"')
-    )
+    axle = axle.replace('velocity="20"', f'velocity="{speed}"')
+    return robot(link("base"), link("rod", 2, at=center, moment=0.05), axle)
 
 
 def test_a_joint_starts_where_its_motor_holds_the_weight(tmp_path):

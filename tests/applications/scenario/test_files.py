@@ -16,9 +16,8 @@ from rnc_pin.applications.sweep.runs import draws_of
 
 SPACE_ROBOT_DURATION = read_yaml(find_scenario("space-robot"))["simulation"]["duration"]
 # Comparisons would build everything twice; a roll-out of one second is enough for gains.
-SPACE_ROBOT = with_options(
-    read_yaml(find_scenario("space-robot")), {"comparisons": {}, "simulation.duration": 1.0, "sweep": {}}
-)
+QUICK = {"comparisons": {}, "simulation.duration": 1.0, "sweep": {}}
+SPACE_ROBOT = with_options(read_yaml(find_scenario("space-robot")), QUICK)
 
 
 def plan_of(changes, folder):

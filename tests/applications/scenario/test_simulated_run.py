@@ -40,9 +40,8 @@ def test_a_run_that_ends_before_its_reference_says_how_far(tmp_path, duration, s
 
 def test_a_run_that_ends_before_its_plan_says_how_far():
     options = {"plots": {}, "comparisons": {}, "planner.duration": 3.0, "simulation.duration": 1.5}
-    made = Scenario.load(
-        "docking", {**options, "obstacles": [], "planner.clearance": None, "planner.goal": {"tractor_x": 1.0}}
-    ).build()
+    changes = {"obstacles": [], "planner.clearance": None, "planner.goal": {"tractor_x": 1.0}}
+    made = Scenario.load("docking", {**options, **changes}).build()
     run = execute(made).trajectory
     found = next(each for each in run.verdict.findings if each.kind is FindingKind.GOAL)
     assert str(found.severity) == "degrades"

@@ -37,9 +37,8 @@ def cluster(tmp_path):
     """Address of a scheduler, and its two workers."""
     file = tmp_path / "scheduler.json"
     with ExitStack() as stack:
-        stack.enter_context(
-            process("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", file)
-        )
+        options = ("--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", file)
+        stack.enter_context(process("scheduler", *options))
         assert eventually(file.exists)
         common = ["--scheduler-file", file, "--nthreads", "1", "--no-nanny", "--no-dashboard", "--host", "127.0.0.1"]
         workers = [

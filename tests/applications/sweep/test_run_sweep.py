@@ -29,9 +29,8 @@ class Sleighs:
             self.calls.append(draw)
             if len(self.calls) == self.ends_at:
                 raise KeyboardInterrupt
-        return rnc.free_motion(
-            self.reduced, self.reduced.robot.configuration(), [draw["speed"], draw["spin"]], duration=0.05, dt=0.01
-        )
+        q0, v2 = self.reduced.robot.configuration(), [draw["speed"], draw["spin"]]
+        return rnc.free_motion(self.reduced, q0, v2, duration=0.05, dt=0.01)
 
 
 def rows_of(results):

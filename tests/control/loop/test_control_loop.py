@@ -11,13 +11,8 @@ from rnc_pin.control import Command
 from rnc_pin.control.loop import control_loop, loop_state
 from rnc_pin.control.loop.loop_state import VelocityEstimate, write_state
 from rnc_pin.control.loop.measurements import VelocityObserver
-from rnc_pin.motion.optimal import (
-    EffortCost,
-    PredictiveController,
-    SetPointController,
-    predictive_control,
-    set_point_controller,
-)
+from rnc_pin.motion import optimal
+from rnc_pin.motion.optimal import SetPointController, predictive_control, set_point_controller
 from rnc_pin.plants import ReducedPlant
 from simple_controllers import Memoryless
 
@@ -64,8 +59,8 @@ def slow(monkeypatch, *spent):
 
 SEARCHING = {
     "nearer_plan": (set_point_controller, lambda *of, **options: SetPointController(*of, 3.0, **options)),
-    "first_motion": (predictive_control, lambda reduced, goal, **options: PredictiveController(
-        reduced, [EffortCost()], 3.0, goal=goal, **options)),
+    "first_motion": (predictive_control, lambda reduced, goal, **options: optimal.PredictiveController(
+        reduced, [optimal.EffortCost()], 3.0, goal=goal, **options)),
 }  # fmt: skip
 
 

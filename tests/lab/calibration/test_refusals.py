@@ -43,9 +43,8 @@ def counter(*counts):
 
 
 def corrected(**corrections):
-    return DIFFERENTIAL.log(0, duration=2.0).corrected(
-        {name: rnc.logs.Correction(**each) for name, each in corrections.items()}
-    )
+    corrections = {name: rnc.logs.Correction(**each) for name, each in corrections.items()}
+    return DIFFERENTIAL.log(0, duration=2.0).corrected(corrections)
 
 
 def pendulum():

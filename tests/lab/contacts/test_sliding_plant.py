@@ -39,9 +39,8 @@ def block(friction, half=(0.2, 0.15, 0.1), mass=2.0, ground=None, radius=0.01, t
     corners = {f"c{i}": [a * (1 - 2 * (i & 1)), b * (1 - (i & 2)), -h] for i in range(4)}
     moments = mass / 3 * np.array([b * b + h * h, a * a + h * h, a * a + b * b])
     robot = free_body(mass, moments, **corners)
-    contacts = [
-        rnc.UnilateralContact(rnc.RollingBall(name, radius, ground), friction=friction, **options) for name in corners
-    ]
+    feet = (rnc.RollingBall(name, radius, ground) for name in corners)
+    contacts = [rnc.UnilateralContact(foot, friction=friction, **options) for foot in feet]
     return rnc.ContactPlant(rnc.NonholonomicSystem(robot), contacts, tolerance=tolerance), h + radius
 
 

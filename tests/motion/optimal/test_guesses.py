@@ -69,9 +69,8 @@ def test_paths_of_a_car_differ_in_direction_and_reversals_and_take_turns_with_ra
     assert len(paths) >= 3
     for name, each in paths.items():
         direction, count = name.split(", ")
-        steps = np.array(
-            [pin.difference(reduced.robot.model, *two) for two in zip(each.q[:-1], each.q[1:], strict=True)]
-        )
+        pairs = zip(each.q[:-1], each.q[1:], strict=True)
+        steps = np.array([pin.difference(reduced.robot.model, *two) for two in pairs])
         driven = np.sign(steps[np.abs(steps[:, 0]) > 1e-3, 0])  # of the rear axle, in its own direction
         assert (driven[0] > 0.0) == (direction == "forwards")
         assert (np.diff(driven) != 0).sum() == int(count.split()[0])

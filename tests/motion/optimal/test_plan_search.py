@@ -30,9 +30,8 @@ def round_the_rack(reduced, number, **options):
     distances = rnc.collision.CollisionDistances(reduced.robot, [rack], rnc.collision.PairSelection(links=False))
     start = reduced.robot.configuration({"root_joint": begin})
     bounds = [SLOW, DistanceBound(distances, CLEARANCE)]
-    return (*end, lift), rnc.optimal.plan(
-        reduced, start, forklifts.goal_of(end, lift), 16.0, bounds=bounds, seed=number, feedback=None, **options
-    )
+    options = {"bounds": bounds, "seed": number, "feedback": None, **options}
+    return (*end, lift), rnc.optimal.plan(reduced, start, forklifts.goal_of(end, lift), 16.0, **options)
 
 
 @pytest.mark.parametrize("number", [0, 1, *(pytest.param(k, marks=pytest.mark.long) for k in range(2, 8))])
@@ -219,8 +218,7 @@ def test_a_refusal_carries_the_best_motion_even_if_no_guess_is_within_tolerance(
     far = {rnc.FramePosition("sleigh", "xy"): [5.0, 0.0]}
     settings = SolverSettings(nodes=10, iterations=30)
     row = r"no plan in 1 s: .*(sleigh_x|sleigh_speed_x).* violated by"
+    options = {"bounds": [VelocityBound(-1, 1)], "seeds": 0, "settings": settings}
     with pytest.raises(rnc.InfeasibleError, match=row) as refusal:
-        rnc.optimal.plan(
-            reduced, reduced.robot.configuration(), far, 1.0, bounds=[VelocityBound(-1, 1)], seeds=0, settings=settings
-        )
+        rnc.optimal.plan(reduced, reduced.robot.configuration(), far, 1.0, **options)
     assert (refusal.value.plan.info.outcome, refusal.value.plan.verdict.succeeded) == ("unverified", False)

@@ -49,9 +49,8 @@ def test_sideways_motion_of_least_velocity_is_brocketts():
     x, yaw = radius * np.sin(phase), radius * (1 - np.cos(phase))
     side = np.concatenate([[0], np.cumsum((yaw[1:] + yaw[:-1]) / 2 * np.diff(x))])
     path = np.column_stack([x, side, np.cos(yaw), np.sin(yaw)])
-    plan = rnc.optimal.plan(
-        reduced, path[0], goal, t, form="kinematic", guess=path * [1, -np.sign(side[-1]), 1, 1], settings=settings
-    )
+    options = {"form": "kinematic", "guess": path * [1, -np.sign(side[-1]), 1, 1], "settings": settings}
+    plan = rnc.optimal.plan(reduced, path[0], goal, t, **options)
     assert plan.info.cost == pytest.approx(2 * np.pi * y / t, rel=1e-2)
 
 

@@ -5,17 +5,8 @@ import pytest
 
 import rnc_pin as rnc
 import systems
-from rnc_pin.motion.optimal import (
-    EffortCost,
-    InputBound,
-    OutputBound,
-    OutputCost,
-    PredictiveController,
-    SetPointCost,
-    UpdateSchedule,
-    VelocityBound,
-    VelocityCost,
-)
+from rnc_pin.motion import optimal
+from rnc_pin.motion.optimal import InputBound, PredictiveController
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*quadratic costs stall:rnc_pin.errors.ModelWarning")
 
@@ -23,9 +14,9 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*quadratic costs stall:rnc_pin.
 def controller_of(reduced, **options):
     place = [rnc.FramePosition("sleigh", "xy"), rnc.FrameYaw("sleigh")]
     costs = [
-        EffortCost(0.01),
-        VelocityCost(2.0, phase="both"),
-        OutputCost(place, [1.0, 0.0, 0.0], weight=10.0, phase="both"),
+        optimal.EffortCost(0.01),
+        optimal.VelocityCost(2.0, phase="both"),
+        optimal.OutputCost(place, [1.0, 0.0, 0.0], weight=10.0, phase="both"),
     ]
     return PredictiveController(reduced, costs, 2.0, nodes=15, **{"bounds": [InputBound(-30.0, 30.0)], **options})
 
@@ -33,7 +24,7 @@ def controller_of(reduced, **options):
 def test_a_missed_budget_keeps_the_feedback_of_the_last_motion():
     """Without time for a single update, the first motion stands still, and so does the sleigh."""
     reduced = systems.sleigh()
-    controller = controller_of(reduced, updates=UpdateSchedule(budget=0.0))
+    controller = controller_of(reduced, updates=optimal.UpdateSchedule(budget=0.0))
     measurement = reduced.at(reduced.robot.configuration(), np.zeros(2)).measure(np.zeros(2))
     state = controller.initial_state(measurement)
     for k in range(3):
@@ -48,7 +39,7 @@ def test_missed_updates_reach_the_verdict():
 
     class Late(PredictiveController):
         def step(self, t, measurement, state):
-            self.updates = UpdateSchedule(budget=0.0 if self.always or round(t / 0.05) % 2 else None)
+            self.updates = optimal.UpdateSchedule(budget=0.0 if self.always or round(t / 0.05) % 2 else None)
             return super().step(t, measurement, state)
 
     for always, word in ((False, "degraded"), (True, "failed")):
@@ -82,7 +73,7 @@ def test_bounds_of_accelerations_are_limits_of_the_run(mass, word):
 def test_prediction_over_the_delay_is_the_simulated_state():
     """The first node of a motion with delay is where the sleigh is at the end of the delay."""
     reduced = systems.sleigh()
-    controller = controller_of(reduced, updates=UpdateSchedule(delay=0.1, period=0.5))
+    controller = controller_of(reduced, updates=optimal.UpdateSchedule(delay=0.1, period=0.5))
     moving = reduced.at(reduced.robot.configuration(), np.array([0.4, 0.0])).measure(np.zeros(2))
     _, state = controller.step(0.0, moving, controller.initial_state(moving))
     np.testing.assert_allclose(state.q[0][:2], [0.04, 0.0], atol=1e-3)  # coasting: no inputs before
@@ -93,8 +84,8 @@ def test_a_bound_holds_between_the_nodes_of_its_own_plant_too():
     """Feedback between updates once turned 2.2 mrad beyond a bound of 0.4 rad."""
     reduced = systems.sleigh()
     goal = {rnc.FramePosition("sleigh", "xy"): [1.0, 0.5], rnc.FrameYaw("sleigh"): 0.0}
-    costs = [SetPointCost(goal, weight=10.0, velocity_weight=0.1), EffortCost(0.01)]
-    bounds = [OutputBound(rnc.FrameYaw("sleigh"), -0.4, 0.4), VelocityBound(-0.5, 0.5)]
+    costs = [optimal.SetPointCost(goal, weight=10.0, velocity_weight=0.1), optimal.EffortCost(0.01)]
+    bounds = [optimal.OutputBound(rnc.FrameYaw("sleigh"), -0.4, 0.4), optimal.VelocityBound(-0.5, 0.5)]
     controller = PredictiveController(reduced, costs, 3.0, form="acceleration", bounds=bounds)
     run = rnc.simulate(reduced, controller, reduced.robot.configuration(), 3.0, dt=0.01)
     assert 0.39 < np.arctan2(run.q[:, 3], run.q[:, 2]).max() < 0.4

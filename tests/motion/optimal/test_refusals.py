@@ -9,20 +9,8 @@ import numpy as np
 import rnc_pin as rnc
 import systems
 from refusals import refused
-from rnc_pin.motion.optimal import (
-    EffortCost,
-    InputBound,
-    PredictiveController,
-    SetPoint,
-    SetPointController,
-    SetPointCost,
-    SolverSettings,
-    VelocityBound,
-    VelocityCost,
-    WayFollower,
-    action_model,
-    driven_configurations,
-)
+from rnc_pin.motion import optimal
+from rnc_pin.motion.optimal import SetPoint, SetPointController, SolverSettings
 
 PLACE, YAW = rnc.FramePosition("sleigh", "xy"), rnc.FrameYaw("sleigh")
 GOAL = {PLACE: [1.0, 0.0], YAW: 0.0}
@@ -39,11 +27,11 @@ def short_plan():
 
 
 def bound(kind, system, form):
-    return kind.bind(action_model(system, form))
+    return kind.bind(optimal.action_model(system, form))
 
 
 def predictive(**options):
-    return PredictiveController(systems.sleigh(), [SetPointCost(GOAL)], 2.0, **options)
+    return optimal.PredictiveController(systems.sleigh(), [optimal.SetPointCost(GOAL)], 2.0, **options)
 
 
 def to_set_point(**options):
@@ -53,7 +41,7 @@ def to_set_point(**options):
 def follower(steering="exact", **options):
     reduced = systems.differential_drive()
     way = rnc.planning.find_way(reduced, reduced.robot.configuration(), reduced.robot.configuration())
-    return WayFollower(reduced, replace(way, info=replace(way.info, steering=steering)), **options)
+    return optimal.WayFollower(reduced, replace(way, info=replace(way.info, steering=steering)), **options)
 
 
 def out_of_reach():
@@ -73,13 +61,13 @@ test_mistakes_are_refused_in_one_line = refused([
     (lambda: planned(form="kinematics"), WRONG, "did you mean 'kinematic'"),
     (lambda: planned(duration=0.0), INPUT, "duration"),
     (lambda: planned(goal={"sleigh_spede_x": 1.0}), WRONG, "no output 'sleigh_spede_x'"),
-    (lambda: planned(bounds=[InputBound(1.0, -1.0)]), INPUT, "above upper limit"),
-    (lambda: SetPointController(systems.sleigh(), GOAL, 4.0, bounds=[VelocityBound(1.0, -1.0)]), INPUT,
+    (lambda: planned(bounds=[optimal.InputBound(1.0, -1.0)]), INPUT, "above upper limit"),
+    (lambda: SetPointController(systems.sleigh(), GOAL, 4.0, bounds=[optimal.VelocityBound(1.0, -1.0)]), INPUT,
         "above upper limit"),
     (lambda: SetPointController(systems.sleigh(), GOAL, 4.0, nodes=1), INPUT, "nodes: expected at least 2"),
     (lambda: planned(costs=[1.0]), WRONG, "expected costs"),
-    (lambda: planned(costs=EffortCost(1.0)), WRONG, "costs: expected a list of costs of rnc.optimal, found"),
-    (lambda: planned(bounds=InputBound(-1.0, 1.0)), WRONG, "bounds: expected a list of bounds of rnc.optimal"),
+    (lambda: planned(costs=optimal.EffortCost(1.0)), WRONG, "costs: expected a list of costs of rnc.optimal, found"),
+    (lambda: planned(bounds=optimal.InputBound(-1.0, 1.0)), WRONG, "bounds: expected a list of bounds of rnc.optimal"),
     (lambda: planned(settings={"nodes": 20}), WRONG, "expected SolverSettings, found a mapping with keys nodes"),
     (lambda: planned(settings=SolverSettings(nodes=10.5)), WRONG, "has to be an integer, at least 2, found 10.5"),
     (lambda: planned(settings=SolverSettings(accuracy=-1)), WRONG, "accuracy of SolverSettings has to be above 0"),
@@ -88,19 +76,19 @@ test_mistakes_are_refused_in_one_line = refused([
     (lambda: planned(feedback=lambda _: np.zeros((2, 2))), WRONG, r"feedback: gains of shape \(2, 2\), expected"),
     (moving_obstacle, WRONG, "an obstacle moves over time"),
     (lambda: planned(settings=SolverSettings(reserve=0.5)), WRONG, "reserve of SolverSettings has to be at least 0"),
-    (lambda: bound(VelocityCost({"sleigh_jaw": 1.0}), systems.sleigh(), "acceleration"), WRONG, "did you mean"),
-    (lambda: bound(VelocityCost(-1.0), systems.sleigh(), "acceleration"), WRONG, "no weight may be negative"),
+    (lambda: bound(optimal.VelocityCost({"sleigh_jaw": 1.0}), systems.sleigh(), "acceleration"), WRONG, "did you mean"),
+    (lambda: bound(optimal.VelocityCost(-1.0), systems.sleigh(), "acceleration"), WRONG, "no weight may be negative"),
     (lambda: rnc.tvlqr(systems.space_robot_in_joints(), short_plan()), WRONG, "the plan is for inputs"),
     (lambda: short_plan().reference("sleigh_z"), WRONG, "no output 'sleigh_z'"),
-    (lambda: driven_configurations(systems.sleigh(), np.array([0, 0, 1, 0.0]), rnc.planning.Hold([1.0])), WRONG,
+    (lambda: optimal.driven_configurations(systems.sleigh(), np.array([0, 0, 1, 0.0]), rnc.planning.Hold([1.0])), WRONG,
         "reference of 1 outputs: the model has 2"),
     (lambda: predictive(form="kinematic"), WRONG, "a predictive controller needs"),
     (lambda: SetPoint(systems.sleigh(), {PLACE: [0.0, 0.0]}), WRONG, "does not determine the position of root_joint"),
     (lambda: SetPoint(systems.differential_drive(), systems.differential_drive().robot.configuration()), NONE,
         "4 of 5 dimensions"),  # the difference of the wheels' angles follows from the yaw
     (out_of_reach, NONE, "no configuration reaches the goal"),
-    (lambda: SetPointCost(np.zeros(4), precision=0.0), WRONG, "positive precision"),
-    (lambda: bound(SetPointCost(GOAL, weight={"x": 1.0}), systems.sleigh(), "kinematic"), WRONG, "no 'x'"),
+    (lambda: optimal.SetPointCost(np.zeros(4), precision=0.0), WRONG, "positive precision"),
+    (lambda: bound(optimal.SetPointCost(GOAL, weight={"x": 1.0}), systems.sleigh(), "kinematic"), WRONG, "no 'x'"),
     *(
         (lambda name=name: to_set_point(**{name: 0.0}), WRONG, f"{name}: expected a positive number")
         for name in ("tolerance", "tube", "check", "bandwidth", "braking")

@@ -8,18 +8,8 @@ import pytest
 import rnc_pin as rnc
 import systems
 from node_rows import check_rows
-from rnc_pin.motion.optimal import (
-    EffortCost,
-    InputBound,
-    OutputCost,
-    PostureCost,
-    PredictiveController,
-    SetPoint,
-    SetPointCost,
-    SolverSettings,
-    VelocityBound,
-    action_model,
-)
+from rnc_pin.motion import optimal
+from rnc_pin.motion.optimal import SetPointCost, action_model
 from rnc_pin.motion.optimal.guesses import along
 from rnc_pin.motion.optimal.node_data import NodeData
 from rnc_pin.motion.optimal.set_point import first_motion, quadratic_set_point
@@ -38,7 +28,7 @@ def nodes_at(model, q, w=None, u=None):
 
 
 def test_wheels_that_roll_may_stay_undetermined():
-    point = SetPoint(systems.differential_drive(), pose("base", 0.5, -0.2, 0.7))
+    point = optimal.SetPoint(systems.differential_drive(), pose("base", 0.5, -0.2, 0.7))
     assert (point.ignored, point.coordinates.weights) == (("left_wheel_joint", "right_wheel_joint"), (1, 1, 2))
     np.testing.assert_allclose(point.q[:4], [0.5, -0.2, np.cos(0.7), np.sin(0.7)], atol=1e-6)
 
@@ -118,27 +108,26 @@ def test_a_plan_without_a_hard_goal_arrives_by_the_cost_alone():
     """The quadratic cost prefers to stay aside; here the plan ends within the precision squared, a few mm."""
     reduced = systems.sleigh()
     start = reduced.robot.configuration({"root_joint": [0.0, 0.3, 0.0]})
-    costs = [SetPointCost(pose("sleigh"), weight=100.0, phase="terminal"), EffortCost(0.01)]
-    bound = [VelocityBound(-1.0, 1.0)]
-    settings = SolverSettings(nodes=20)
-    plan = rnc.optimal.plan(
-        reduced, start, None, 4.0, form="kinematic", costs=costs, bounds=bound, settings=settings, solutions=3
-    )
+    costs = [SetPointCost(pose("sleigh"), weight=100.0, phase="terminal"), optimal.EffortCost(0.01)]
+    bound = [optimal.VelocityBound(-1.0, 1.0)]
+    settings = optimal.SolverSettings(nodes=20)
+    options = {"form": "kinematic", "costs": costs, "bounds": bound, "settings": settings}
+    plan = rnc.optimal.plan(reduced, start, None, 4.0, **options, solutions=3)
     assert np.abs(plan.q[-1, :2]).max() < 5e-3
 
 
 PLACE, YAW = rnc.FramePosition("sleigh", "xy"), rnc.FrameYaw("sleigh")
 GOAL = {PLACE: [0.0, 0.0], YAW: 0.0}
-COSTS = [SetPointCost(GOAL, weight=10.0, velocity_weight=0.1), EffortCost(0.01)]
+COSTS = [SetPointCost(GOAL, weight=10.0, velocity_weight=0.1), optimal.EffortCost(0.01)]
 QUADRATIC = [
-    OutputCost([PLACE, YAW], [0.0, 0.0, 0.0], weight=10.0, phase="both"),
-    EffortCost(0.01),
+    optimal.OutputCost([PLACE, YAW], [0.0, 0.0, 0.0], weight=10.0, phase="both"),
+    optimal.EffortCost(0.01),
     rnc.optimal.VelocityCost(0.1, phase="both"),
 ]
 
 
 def controller_of(reduced, costs=COSTS, **options):
-    return PredictiveController(reduced, costs, 3.0, **{"bounds": [InputBound(-5.0, 5.0)], **options})
+    return optimal.PredictiveController(reduced, costs, 3.0, **{"bounds": [optimal.InputBound(-5.0, 5.0)], **options})
 
 
 def driven(reduced, controller, aside, yaw, duration=10.0):
@@ -179,13 +168,13 @@ def test_costs_that_determine_no_set_point_do_not_warn():
     at_base = [rnc.FramePosition(base, "xy"), rnc.FrameYaw(base)]
     moving = rnc.planning.MinimumJerk(np.zeros(3), np.ones(3), 1.0)
     for reduced, costs in (
-        (sleigh, [OutputCost(PLACE, [0.0, 0.0], phase="both")]),
-        (sleigh, [OutputCost([PLACE, YAW], np.zeros(3), phase="running")]),
-        (sleigh, [OutputCost([PLACE, YAW], moving, phase="both")]),
-        (mecanum, [OutputCost(at_base, np.zeros(3), phase="both")]),
+        (sleigh, [optimal.OutputCost(PLACE, [0.0, 0.0], phase="both")]),
+        (sleigh, [optimal.OutputCost([PLACE, YAW], np.zeros(3), phase="running")]),
+        (sleigh, [optimal.OutputCost([PLACE, YAW], moving, phase="both")]),
+        (mecanum, [optimal.OutputCost(at_base, np.zeros(3), phase="both")]),
     ):
         assert quadratic_set_point(action_model(reduced, "acceleration"), costs) is None
-    posture = [PostureCost(sleigh.robot.configuration(), phase="terminal")]
+    posture = [optimal.PostureCost(sleigh.robot.configuration(), phase="terminal")]
     assert quadratic_set_point(action_model(sleigh, "acceleration"), posture) is not None
 
 
@@ -208,7 +197,7 @@ def test_the_first_motion_is_the_beginning_of_a_plan_and_counts_as_an_escape():
 def test_searches_in_vain_are_rare_and_the_stall_stays_in_the_verdict():
     """Bounds that allow no push forward: nothing leads to the goal."""
     reduced = systems.sleigh()
-    controller = controller_of(reduced, bounds=[InputBound([0.0, -1.0], [0.0, 1.0])], nodes=6)
+    controller = controller_of(reduced, bounds=[optimal.InputBound([0.0, -1.0], [0.0, 1.0])], nodes=6)
     run, distance, _ = driven(reduced, controller, 0.3, 0.0, 1.0)
     assert (distance, run.verdict.word) == (pytest.approx(0.3, abs=1e-6), "failed")
     assert "no motion led to it" in run.verdict.first.message
@@ -217,8 +206,8 @@ def test_searches_in_vain_are_rare_and_the_stall_stays_in_the_verdict():
 def test_a_plan_is_followed_to_its_end_if_waiting_costs_less_over_one_horizon():
     """With this weight of effort, an update would turn the robot back, and it would stand 0.38 m away."""
     reduced = systems.sleigh()
-    costs = [SetPointCost(pose("sleigh")), EffortCost()]
-    controller = PredictiveController(reduced, costs, 3.0, form="acceleration", nodes=15)
+    costs = [SetPointCost(pose("sleigh")), optimal.EffortCost()]
+    controller = optimal.PredictiveController(reduced, costs, 3.0, form="acceleration", nodes=15)
     run, distance, _ = driven(reduced, controller, 0.3, 0.0, 7.0)
     assert distance < 0.005
     assert run.verdict.succeeded, run.verdict.first

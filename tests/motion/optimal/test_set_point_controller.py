@@ -54,9 +54,8 @@ def test_leaves_the_tube_brakes_and_plans_again():
     """A push that the feedback cannot take back: the state moves from "follow" to "stop", and on to a second plan."""
     reduced = systems.sleigh()
     controller = controller_of(reduced, check=0.1)
-    measured = reduced.at(reduced.robot.configuration({"root_joint": [1.0, 0.3, 0.0]}), np.zeros(2)).measure(
-        np.zeros(2)
-    )
+    q = reduced.robot.configuration({"root_joint": [1.0, 0.3, 0.0]})
+    measured = reduced.at(q, np.zeros(2)).measure(np.zeros(2))
     _, state = controller.step(0.0, measured, controller.initial_state(measured))
     assert (state.mode, state.plans) == ("follow", 1)
     middle, k = controller._planned(4.0, state)
@@ -131,8 +130,7 @@ def test_a_run_at_the_goal_needs_no_plan():
 
 def test_a_moving_start_brakes_first():
     reduced = systems.sleigh()
-    run = rnc.simulate(
-        reduced, controller_of(reduced), reduced.robot.configuration(), 14.0, 0.05, v2_0=np.array([0.6, 0.3])
-    )
+    q0 = reduced.robot.configuration()
+    run = rnc.simulate(reduced, controller_of(reduced), q0, 14.0, 0.05, v2_0=np.array([0.6, 0.3]))
     assert max(away(run)) < 0.01
     assert run.verdict.succeeded

@@ -96,7 +96,5 @@ def test_long_turns_are_divided_and_long_slides_are_not():
 
 def test_a_wheel_that_two_joints_steer_is_refused():
     reduced = vehicle(2)
-    with pytest.raises(
-        rnc.ConfigurationError, match="the motion of the base is not that of a car with one steering joint"
-    ):
+    with pytest.raises(rnc.ConfigurationError, match="motion of the base is not that of a car with one steering joint"):
         rnc.planning.find_steering(reduced, reduced.robot.configuration({"wheel": 0.1, "knuckle": 0.2, "mimic": 0.1}))

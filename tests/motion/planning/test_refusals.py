@@ -8,17 +8,8 @@ import systems
 from benchmarks.planned_models import car, tractor
 from refusals import refused
 from rnc_pin.model import Coordinates
-from rnc_pin.motion.planning import (
-    CarPath,
-    Harmonic,
-    Hold,
-    MinimumJerk,
-    SteeringGeometry,
-    ViaPoints,
-    WaySettings,
-    find_steering,
-    find_way,
-)
+from rnc_pin.motion import planning
+from rnc_pin.motion.planning import MinimumJerk, WaySettings, find_way
 from rnc_pin.references.kinds import RelativeCircle, RelativeMinimumJerk
 from systems import at_pose, knife_box
 
@@ -26,7 +17,7 @@ WRONG, INPUT, NONE = rnc.ConfigurationError, rnc.InputError, rnc.InfeasibleError
 
 
 def path(goal, **options):
-    return CarPath(**{"start": (0, 0, 0), "goal": goal, "duration": 5.0, "wheelbase": 1.0, **options})
+    return planning.CarPath(**{"start": (0, 0, 0), "goal": goal, "duration": 5.0, "wheelbase": 1.0, **options})
 
 
 def circle(*plane):
@@ -60,7 +51,7 @@ def unsteered():
     reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce(
         [rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")]
     )
-    return SteeringGeometry(reduced, robot.configuration(), "sleigh", speed=0, steering=1, largest=1.0)
+    return planning.SteeringGeometry(reduced, robot.configuration(), "sleigh", speed=0, steering=1, largest=1.0)
 
 
 INSIDE = {rnc.FramePosition("axle", "xy"): [1.5, 3.0], rnc.FrameYaw("axle"): 0.2}
@@ -78,19 +69,19 @@ test_mistakes_are_refused_in_one_line = refused([
     (lambda: path((1, 0, 0), duration=0.0), WRONG, "found 0, 1 and 0.785398"),
     (lambda: path((1, 0, 0), wheelbase=0.0), WRONG, "found 5, 0 and 0.785398"),
     (unsteered, WRONG, "moves while 'sleigh_yaw' turns and the vehicle stands"),
-    (lambda: Hold([np.inf]), INPUT, r"value of a constant reference has to be finite, found \[inf\]"),
-    (lambda: Hold(["far"]), INPUT, r"value of a constant reference: expected numbers, found \['far'\]"),
-    (lambda: Hold({"tip": 1.0}), INPUT, "expected numbers, found a mapping with keys tip"),
+    (lambda: planning.Hold([np.inf]), INPUT, r"value of a constant reference has to be finite, found \[inf\]"),
+    (lambda: planning.Hold(["far"]), INPUT, r"value of a constant reference: expected numbers, found \['far'\]"),
+    (lambda: planning.Hold({"tip": 1.0}), INPUT, "expected numbers, found a mapping with keys tip"),
     (lambda: MinimumJerk([0.0], [np.nan], 1.0), INPUT, "goal of a minimum-jerk reference has to be finite"),
     (lambda: MinimumJerk([np.nan], [0.0], 1.0), INPUT, "start of a minimum-jerk reference has to be finite"),
     (lambda: MinimumJerk([0.0], [1.0], 0.0), INPUT, "has to be positive, found 0.0"),
     (lambda: MinimumJerk([0.0], [1.0], "2"), INPUT, "has to be positive, found '2'"),
     (lambda: MinimumJerk(0.5, [1.0, 2.0], 1.0), INPUT, r"^start has shape \(1,\) but goal \(2,\)$"),
-    (lambda: ViaPoints([0.0, 1.0], [0.0]), INPUT, "at least two increasing times, and one point each"),
-    (lambda: ViaPoints([0.0, 2.0, 1.0], [0.0, 1.0, 2.0]), INPUT, "increasing"),
-    (lambda: ViaPoints([0.0, np.nan], [0.0, 1.0]), INPUT, "times of via points has to be finite"),
-    (lambda: ViaPoints([0.0, 1.0], [0.0, np.inf]), INPUT, "via points has to be finite"),
-    (lambda: Harmonic([0.0], [1.0, 2.0], 1.0), INPUT, "numbers or lists of 1"),
+    (lambda: planning.ViaPoints([0.0, 1.0], [0.0]), INPUT, "at least two increasing times, and one point each"),
+    (lambda: planning.ViaPoints([0.0, 2.0, 1.0], [0.0, 1.0, 2.0]), INPUT, "increasing"),
+    (lambda: planning.ViaPoints([0.0, np.nan], [0.0, 1.0]), INPUT, "times of via points has to be finite"),
+    (lambda: planning.ViaPoints([0.0, 1.0], [0.0, np.inf]), INPUT, "via points has to be finite"),
+    (lambda: planning.Harmonic([0.0], [1.0, 2.0], 1.0), INPUT, "numbers or lists of 1"),
     (lambda: RelativeMinimumJerk(duration=1.0), WRONG, "expected one of 'to' and 'by'"),
     (lambda: RelativeMinimumJerk(duration=1.0, to=[1.0], by=[1.0]), WRONG, "expected one of 'to' and 'by'"),
     (lambda: RelativeCircle(1.0, period=1.0, speed=1.0), WRONG, "expected one of 'period' and 'speed'"),
@@ -123,5 +114,5 @@ test_mistakes_are_refused_in_one_line = refused([
     (lambda: way(knife_box(), settings=WaySettings(area=[[0, 0], [1, 1]])), INPUT, "area"),
     (lambda: way(knife_box(), obstacles=[CART]), WRONG, r"obstacle 'cart' moves, .* \(obstacle.at_rest\(t\)\)"),
     (lambda: way(tractor(1), settings=WaySettings(hold=["hitch_1"])), WRONG, "hold needs an exact steering"),
-    (lambda: find_steering(tractor(1), tractor(1).robot.configuration()), WRONG, "no exact steering is known"),
+    (lambda: planning.find_steering(tractor(1), tractor(1).robot.configuration()), WRONG, "no exact steering is known"),
 ])  # fmt: skip

@@ -77,9 +77,8 @@ def test_the_table_ends_where_the_curvature_no_longer_grows():
         lambda q: np.array([[-np.sin(q[4]), 0.0, WHEELBASE, 0.0]]),
         lambda q, v: np.array([[-np.cos(q[4]) * v[3], 0.0, 0.0, 0.0]]) + still,
     )
-    reduced = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.NoSideSlip("sleigh"), turning]).reduce(
-        [rnc.FrameSpeed("sleigh"), rnc.JointPosition("wheel")]
-    )
+    system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.NoSideSlip("sleigh"), turning])
+    reduced = system.reduce([rnc.FrameSpeed("sleigh"), rnc.JointPosition("wheel")])
     steering = geometry(reduced, "sleigh", largest=3.0)
     assert 0.99 / WHEELBASE < steering.range[1] <= 1 / WHEELBASE
     assert steering.range[0] == pytest.approx(-steering.range[1])

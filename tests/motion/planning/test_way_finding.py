@@ -188,9 +188,8 @@ def test_a_way_that_no_iteration_improves_is_the_plan_itself():
     way = find_way(reduced, q0, goal, obstacles, clearance=0.02, seed=1)
     near = rnc.collision.CollisionDistances(reduced.robot, obstacles, q0=q0)
     bound, settings = rnc.optimal.DistanceBound(near, 0.02), rnc.optimal.SolverSettings(iterations=1)
-    plan = rnc.optimal.plan(
-        reduced, q0, goal, 2.0 * way.duration, bounds=[bound], guess=way, seeds=0, settings=settings
-    )
+    options = {"bounds": [bound], "guess": way, "seeds": 0, "settings": settings}
+    plan = rnc.optimal.plan(reduced, q0, goal, 2.0 * way.duration, **options)
     assert plan.info.guess == "given, as it is"
     assert plan.verdict.succeeded
     assert closest(way, obstacles) - 1e-6 <= min(near.smallest(q, 0.0, 0.2).min() for q in plan.q)

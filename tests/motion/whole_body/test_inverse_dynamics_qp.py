@@ -5,20 +5,12 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+import systems
 from bodies import add_body, add_frame
 from rnc_pin.control import ControlSample, InverseDynamicsQP, limits, tasks
 from rnc_pin.motion.planning import Hold, MinimumJerk
 from rnc_pin.motion.whole_body import task_hierarchy
 from rnc_pin.motion.whole_body.limit_stack import ContactCones, LimitStack
-from systems import (
-    four_bar,
-    free_flying_panda,
-    mobile_manipulator,
-    random_states,
-    space_robot,
-    space_robot_in_joints,
-    tiago,
-)
 from textbook_systems import wheeled_pendulum
 
 DT, GAIN, RATE = 0.004, 3.0, 15.0
@@ -35,17 +27,17 @@ def across(reduced, q0):
 
 
 @pytest.mark.parametrize(("reduced", "task"), [
-    (space_robot(), hand("tip", [1.0, 0.5])),
-    (mobile_manipulator(), hand("tip", [1.0, 0.5])),
-    (four_bar(), tasks.OutputTask(rnc.JointPosition("crank"), Hold([0.4]), gain=GAIN)),
-    (free_flying_panda(), tasks.OutputTask(rnc.FramePosition("panda_hand"), Hold([0.1, 0.4, 0.3]), gain=GAIN)),
-    (tiago(), tasks.OutputTask(rnc.FramePosition("arm_7_link"), Hold([1.0, 0.2, 0.9]), gain=GAIN)),
+    (systems.space_robot(), hand("tip", [1.0, 0.5])),
+    (systems.mobile_manipulator(), hand("tip", [1.0, 0.5])),
+    (systems.four_bar(), tasks.OutputTask(rnc.JointPosition("crank"), Hold([0.4]), gain=GAIN)),
+    (systems.free_flying_panda(), tasks.OutputTask(rnc.FramePosition("panda_hand"), Hold([0.1, 0.4, 0.3]), gain=GAIN)),
+    (systems.tiago(), tasks.OutputTask(rnc.FramePosition("arm_7_link"), Hold([1.0, 0.2, 0.9]), gain=GAIN)),
 ], ids=["space robot", "mobile manipulator", "four-bar", "free panda", "tiago"])  # fmt: skip
 def test_the_velocity_error_of_a_task_decays_at_its_rate(reduced, task):
     """With the forward dynamics instead of the program's own matrices."""
     controller = InverseDynamicsQP(reduced, [task], dt=DT, velocity_gain=RATE)
     bound = task.bind(reduced)
-    for q, v2 in random_states(reduced, 4, seed=3):
+    for q, v2 in systems.random_states(reduced, 4, seed=3):
         v2 = 0.1 * v2
         found = controller.solve(0.0, q, v2)
         if np.abs(found.T).max() > 0.99 * reduced.actuation.limits.min(initial=np.inf):
@@ -62,7 +54,7 @@ def test_the_velocity_error_of_a_task_decays_at_its_rate(reduced, task):
 
 def test_the_end_of_a_sample_is_as_accurate_as_a_simulation():
     """Within 1e-7 per second, by a plant of thousands of steps."""
-    reduced, T, dt = mobile_manipulator(), np.array([1.0, 2.0, -3.0, 4.0]), 0.05
+    reduced, T, dt = systems.mobile_manipulator(), np.array([1.0, 2.0, -3.0, 4.0]), 0.05
     state = reduced.at(reduced.robot.configuration({"joint_1": 0.5, "joint_2": 1.0}), np.array([1.0, -1.0, 2.0, 3.0]))
     plant = rnc.ReducedPlant(reduced, substeps=2000)
     plant.reset(state.q, state.v)
@@ -73,7 +65,7 @@ def test_the_end_of_a_sample_is_as_accurate_as_a_simulation():
 
 
 def test_efforts_stay_within_the_file_and_say_so():
-    reduced = mobile_manipulator()
+    reduced = systems.mobile_manipulator()
     q0 = reduced.robot.configuration({"joint_1": 0.5, "joint_2": 1.0})
     controller = InverseDynamicsQP(reduced, [hand("tip", [4.0, -3.0], weight=50.0)], dt=DT, velocity_gain=100.0)
     start = reduced.at(q0, np.zeros(4)).measure()
@@ -87,7 +79,7 @@ def test_efforts_stay_within_the_file_and_say_so():
 
 def test_limits_of_velocity_hold_to_rounding_at_fast_motion_and_coarse_samples():
     """The acceleration changes within a sample; a prediction from its start alone exceeds the limit by 0.2 %."""
-    reduced, dt = space_robot_in_joints(), 0.02
+    reduced, dt = systems.space_robot_in_joints(), 0.02
     q0 = reduced.robot.configuration({"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1})
     fast = limits.JointVelocityLimit(joints=["joint_1", "joint_2", "joint_3"], limit=1.4, margin=0.0)
     controller = InverseDynamicsQP(reduced, [hand("tip", [-1.5, 1.0])], [fast], dt=dt)
@@ -97,7 +89,7 @@ def test_limits_of_velocity_hold_to_rounding_at_fast_motion_and_coarse_samples()
 
 def test_friction_stays_in_its_cone():
     """Of one blade, whose force and load are determined: ``Grip`` computes both from the run."""
-    reduced, friction = mobile_manipulator(), 0.1
+    reduced, friction = systems.mobile_manipulator(), 0.1
     q0 = reduced.robot.configuration({"joint_1": 0.5, "joint_2": 1.0})
     reach = tasks.OutputTask(rnc.FramePosition("tip", "xy"), across(reduced, q0), gain=GAIN)
     grip, used = rnc.Grip(reduced, friction), {}
@@ -116,9 +108,8 @@ def high_cart():
     for name, x in (("base", 0.0), ("front", 0.5), ("rear", -0.5)):
         add_frame(model, name, base, (x, 0.0, 0.0))
     edges = [rnc.NoSideSlip("front"), rnc.NoSideSlip("rear")]
-    return rnc.NonholonomicSystem(rnc.Robot(model), edges, [rnc.FrameForce("base", "x")]).reduce(
-        [rnc.FrameSpeed("base")]
-    )
+    system = rnc.NonholonomicSystem(rnc.Robot(model), edges, [rnc.FrameForce("base", "x")])
+    return system.reduce([rnc.FrameSpeed("base")])
 
 
 def test_the_ground_pushes_only():
@@ -217,11 +208,10 @@ def test_limits_of_motion_hold_while_the_efforts_can_hold_the_velocity(tmp_path,
 @pytest.mark.parametrize("failing", ["solve_cascade", "relaxed"])
 def test_a_program_that_is_not_solved_brings_the_robot_to_rest_and_is_counted(failing, monkeypatch):
     """Without tasks, limits hold with the least velocity; without limits, computed torque slows by exp(-gain dt)."""
-    reduced = mobile_manipulator()
+    reduced = systems.mobile_manipulator()
     fast = limits.JointVelocityLimit(joints=["joint_1", "joint_2"], limit=1.0)
-    program = InverseDynamicsQP(
-        reduced, [hand("tip", [4.0, -3.0])], [fast], dt=DT, velocity_gain=5.0, braking_time=None
-    )
+    options = {"dt": DT, "velocity_gain": 5.0, "braking_time": None}
+    program = InverseDynamicsQP(reduced, [hand("tip", [4.0, -3.0])], [fast], **options)
     q0, v2 = reduced.robot.configuration({"joint_1": 0.5, "joint_2": 1.0}), np.array([1e-3, -1e-3, 2e-3, 1e-3])
     start = reduced.at(q0, v2).measure()
     monkeypatch.setattr(task_hierarchy, "solve_cascade", lambda *arguments: None)

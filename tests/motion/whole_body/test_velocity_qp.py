@@ -61,9 +61,8 @@ def tiago_program(limit=0.2, **settings):
     reach = tasks.OutputTask(rnc.FramePosition("arm_7_link"), Hold([1.5, 1.0, 1.2]), gain=3.0)
     level = tasks.OutputTask(rnc.FrameOrientation("arm_7_link"), Hold([0.0, 0.3, 0.0]), gain=1.0, weight=[0.2, 0.5, 1])
     posture = [tasks.OutputTask(rnc.JointPosition(name), Hold([0.1]), gain=2.0, weight=0.05) for name in arm]
-    return reduced, VelocityQP(
-        reduced, [reach, level, *posture], [limits.JointVelocityLimit(limit=limit, margin=0.0)], **settings
-    )
+    slow = [limits.JointVelocityLimit(limit=limit, margin=0.0)]
+    return reduced, VelocityQP(reduced, [reach, level, *posture], slow, **settings)
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.2])

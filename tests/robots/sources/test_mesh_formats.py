@@ -48,9 +48,8 @@ def test_the_geometry_of_robots_is_that_of_pinocchios_own_loader(name, kind):
     path, packages = robot_files.find_example(name)
     robot = rnc.Robot.from_example(name, snap=False)
     geometry = robot.visual_model if kind == "visual" else robot.collision_model
-    theirs = pin.buildGeomFromUrdf(
-        robot.model, str(path), getattr(pin.GeometryType, kind.upper()), None, [str(packages), str(path.parent)]
-    )
+    kind, folders = getattr(pin.GeometryType, kind.upper()), [str(packages), str(path.parent)]
+    theirs = pin.buildGeomFromUrdf(robot.model, str(path), kind, None, folders)
     assert_same_shapes(geometry, theirs)
 
 

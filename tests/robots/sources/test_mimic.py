@@ -56,9 +56,8 @@ def test_a_mimic_joint_follows(tmp_path):
     other = rnc.NonholonomicSystem(robot, [rnc.JointCoupling("b", "a", -2, 0.1)], ["a", "b", "c"], mimic=False)
     assert coupling.constraints.names == system.constraints.names
     outputs = [rnc.JointPosition("a"), rnc.JointPosition("c")]
-    np.testing.assert_array_equal(
-        system.reduce(outputs).forward_dynamics(q, v2, T), other.reduce(outputs).forward_dynamics(q, v2, T)
-    )
+    one, two = (each.reduce(outputs).forward_dynamics(q, v2, T) for each in (system, other))
+    np.testing.assert_array_equal(one, two)
 
 
 def test_one_that_is_given_takes_the_place_of_its_own_and_of_no_other(tmp_path):

@@ -469,9 +469,7 @@ NAMES = [r"$\frac$", "[/nope]", "x" * 300]
 def test_names_are_printed_and_drawn_as_they_are(name, tmp_path, capsys):
     text = (shipped_directory() / "space_robot.urdf").read_text().replace('"joint_1"', f'"{name}"')
     robot = rnc.Robot.from_urdf(write(tmp_path / "r.urdf", text))
-    reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce(
-        [rnc.JointPosition(n) for n in robot.joint_names]
-    )
+    reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce([*map(rnc.JointPosition, robot.joint_names)])
     run = rnc.free_motion(reduced, robot.configuration(), np.zeros(4), duration=0.1)
     run.plot(title=name).savefig(tmp_path / "p.png", dpi=30)
     print_summary(rnc.summarize(run))

@@ -132,9 +132,8 @@ REFUSED = {
 
 def test_inertia_without_mass_is_idealised_and_loads():
     robot, said = loaded("inertia_without_mass.urdf", base="fixed")
-    assert said == [
-        "robot 'cart': rotational inertia but zero mass behind shoulder: such bodies are idealised, so check the file"
-    ]
+    words = "rotational inertia but zero mass behind shoulder: such bodies are idealised, so check the file"
+    assert said == [f"robot 'cart': {words}"]
     assert pin.crba(robot.model, robot.model.createData(), pin.neutral(robot.model)) == pytest.approx(0.1)
 
 
