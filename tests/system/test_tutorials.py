@@ -1,8 +1,13 @@
-"""Tutorials and explanations can be followed: files are saved, commands and Python blocks run in their order."""
+"""What readers follow runs: tutorials and explanations in their order, the notebook, Gymnasium's environment."""
 
+import re
+import runpy
 import shlex
 
+import nbformat
+import numpy as np
 import pytest
+from nbclient import NotebookClient
 
 from places import ROOT, docs_script
 
@@ -30,3 +35,49 @@ def test_a_block_prints_what_its_page_says(tmp_path):
     page.write_text("```python\nprint(1)\n```\n\n    2\n")
     with pytest.raises(ValueError, match="printed\n1\ninstead of\n2"):
         tutorials.follow(page, tmp_path, print)
+
+
+TOUR = ROOT / "examples" / "tour.ipynb"
+
+
+def outputs(folder):
+    notebook = nbformat.read(TOUR, as_version=4)
+    assert all(not cell.get("outputs") for cell in notebook.cells), "the notebook is kept without outputs"
+    client = NotebookClient(notebook, timeout=1200, resources={"metadata": {"path": folder}})
+    client.execute()
+    return [output for cell in notebook.cells for output in cell.get("outputs", [])]
+
+
+def test_the_notebook_reaches_its_goal_and_shows_it(tmp_path):
+    """The motion is inline, in a frame of its own, and so is the plot."""
+    found = outputs(tmp_path)
+    printed = "".join(output.get("text", "") for output in found if output.output_type == "stream")
+    assert "12 degrees of freedom, 6 left by 6 constraints" in printed
+    errors = [float(each) for each in re.findall(r"'([\d.]+e[-+]\d+)'", printed)]
+    assert len(errors) == 6
+    assert max(errors) < 0.005  # [rad], of a motion of 1.2
+    assert any("image/png" in output.get("data", {}) for output in found)
+    pages = [output.data["text/html"] for output in found if "text/html" in output.get("data", {})]
+    assert len(pages) == 1
+    assert pages[0].startswith('<iframe srcdoc="')
+
+
+@pytest.fixture
+def example():
+    pytest.importorskip("gymnasium", reason="needs Gymnasium")
+    return runpy.run_path(str(ROOT / "examples" / "gymnasium_env.py"))
+
+
+@pytest.mark.filterwarnings("ignore:.*alternative render modes.*:UserWarning")
+def test_gymnasium_accepts_the_environment(example):
+    from gymnasium.utils.env_checker import check_env
+
+    check_env(example["ReachingEnv"]())
+
+
+def test_seeds_repeat_episodes_and_a_policy_with_the_model_is_better_than_none(example):
+    env = example["ReachingEnv"]()
+    first, again, other = (env.reset(seed=seed)[0] for seed in (3, 3, 4))
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first, other)
+    assert example["mean_return"](example["computed_torque"], 2) > 0.5 * example["mean_return"](example["no_input"], 2)

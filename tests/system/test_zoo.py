@@ -1,9 +1,10 @@
-"""The zoo: every robot of example-robot-data, and docs/data/zoo.json, which has its table."""
+"""The zoo: every robot of example-robot-data, published robots, and docs/data/zoo.json, which has their tables."""
 
 import re
 
 import pytest
 
+import published
 import rnc_pin as rnc
 import zoo
 from rnc_pin.robots.robot_files import example_urdfs
@@ -82,3 +83,23 @@ def test_two_robots_of_one_name_are_told_apart():
         rnc.Robot.from_example("anymal")
     both = [rnc.Robot.from_example(f"anymal_{each}_simple/anymal") for each in "bc"]
     assert both[0].model.inertias[1].mass != both[1].model.inertias[1].mass
+
+
+TABLE = {row["robot"]: row for row in tables.read("zoo")["published"]}
+
+
+@pytest.mark.published
+@pytest.mark.parametrize("name", published.ROBOTS)
+def test_a_published_robot_goes_through_as_the_table_says(name, tmp_path):
+    if not published.ROBOTS[name].installed:
+        pytest.skip(f"{published.ROBOTS[name].package} is not installed")
+    found, row = published.measured(name, tmp_path), TABLE[name]
+    assert (not found.refusal) == (row["ran"] == "yes"), found.refusal
+    if not found.refusal:
+        assert found.kind.removeprefix("base ") == row["base: kind drafted"], "python docs/make_zoo.py makes it anew"
+        assert str(found.report["r"]) == row["r"]
+
+
+def test_the_table_lists_every_published_robot_of_which_nine_of_ten_go_through():
+    assert list(TABLE) == list(published.ROBOTS)
+    assert len([row for row in TABLE.values() if row["ran"] == "yes"]) >= 0.9 * len(TABLE)
