@@ -90,16 +90,10 @@ def test_a_locked_joint_is_gone_and_the_rest_moves_as_with_the_joint_held(load, 
     (lambda: rnc.Robot.from_urdf("space_robot.urdf"), None, [0, 0, 0, 0]),
     (lambda: rnc.Robot.from_urdf("space_robot.urdf"), {"joint_2": 7.0}, [0, 0, 7, 0]),
     (lambda: rnc.Robot.from_example("double_pendulum_continuous"), {"joint2": 2.0}, [1, 0, np.cos(2.0), np.sin(2.0)]),
-    (
-        lambda: rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar"),
-        {"root_joint": [1, 2, 0.5], "joint_2": 0.3},
-        [1, 2, np.cos(0.5), np.sin(0.5), 0, 0.3],
-    ),
-    (
-        lambda: rnc.Robot.from_urdf("mobile_manipulator.urdf", base="free"),
-        {"root_joint": [1, 2, 3, 0, 0, 3, 4]},  # a quaternion of any length
-        [1, 2, 3, 0, 0, 0.6, 0.8, 0, 0],
-    ),
+    (lambda: rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar"),
+        {"root_joint": [1, 2, 0.5], "joint_2": 0.3}, [1, 2, np.cos(0.5), np.sin(0.5), 0, 0.3]),
+    (lambda: rnc.Robot.from_urdf("mobile_manipulator.urdf", base="free"),
+        {"root_joint": [1, 2, 3, 0, 0, 3, 4]}, [1, 2, 3, 0, 0, 0.6, 0.8, 0, 0]),  # a quaternion of any length
 ], ids=["neutral", "revolute", "continuous", "planar", "free"])  # fmt: skip
 def test_configuration(load, values, expected):
     np.testing.assert_allclose(load().configuration(values), expected, rtol=0, atol=ROUNDING)

@@ -2,6 +2,7 @@
 """Meshes: what is read, what is refused, and that nothing else is given a stranger's file."""
 
 import json
+import os
 import struct
 import sys
 import warnings
@@ -83,9 +84,8 @@ def collada(old, new):
 
 def nodes(count, width=10):
     """Nodes, each of which is ten times the next: ten to the power of ``count`` meshes."""
-    inner = "".join(
-        f'<node id="n{k}">{f"<instance_node url={chr(34)}#n{k + 1}{chr(34)}/>" * width}</node>' for k in range(count)
-    )
+    link = '<instance_node url="#n{}"/>'
+    inner = "".join(f'<node id="n{k}">{link.format(k + 1) * width}</node>' for k in range(count))
     return f'<node id="inner"><instance_node url="#n0"/></node>{inner}<node id="n{count}"><instance_geometry url="#g"/></node>'
 
 
@@ -166,8 +166,6 @@ def test_nodes_of_a_collada_file_are_counted_before_they_are_visited(limit, most
 
 
 def test_a_pipe_is_not_waited_for(tmp_path):
-    import os
-
     os.mkfifo(tmp_path / "m.stl")
     with pytest.raises(MeshError, match="Not a regular file"):
         read_mesh(tmp_path / "m.stl")
@@ -196,9 +194,8 @@ def test_pinocchio_and_mujoco_are_given_no_files_of_meshes(tmp_path, monkeypatch
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is an optional extra and not installed")
     given = []
     build, read = pin.buildGeomFromUrdfString, mujoco.MjSpec.from_string
-    monkeypatch.setattr(
-        pin, "buildGeomFromUrdfString", lambda model, text, *more: given.append(text) or build(model, text, *more)
-    )
+    kept = lambda model, text, *more: given.append(text) or build(model, text, *more)  # noqa: E731
+    monkeypatch.setattr(pin, "buildGeomFromUrdfString", kept)
     monkeypatch.setattr(mujoco.MjSpec, "from_string", lambda text, *more: given.append(text) or read(text, *more))
     write(tmp_path / "m.stl", solid.binary_stl())
     (tmp_path / "r.urdf").write_text(solid.urdf(["m.stl"]))
@@ -268,6 +265,12 @@ def test_meshes_inside_an_mjcf_are_checked(attributes, says, weighed, tmp_path):
         _ = rnc.Robot.from_mjcf(write(tmp_path / "r.xml", text)).visual_model
 
 
+def test_a_mesh_that_an_mjcf_does_not_have_is_named(tmp_path):
+    path = write(tmp_path / "r.xml", mjcf(f'<mesh name="n" vertex="{TETRAHEDRON}"/>'))
+    with pytest.raises(rnc.ModelError, match="mesh 'm' not found in geom 0; expected one of: a, j, main, n"):
+        _ = rnc.Robot.from_mjcf(path).visual_model
+
+
 @pytest.mark.parametrize("collides", ["", 'contype="0" conaffinity="0"'], ids=["collides", "seen"])
 def test_a_flat_shell_weighs_without_a_hull(collides, tmp_path):
     """A screen, say: MuJoCo cannot make the hull of a shape that collides."""
@@ -277,12 +280,6 @@ def test_a_flat_shell_weighs_without_a_hull(collides, tmp_path):
     robot = rnc.Robot.from_mjcf(write(tmp_path / "r.xml", mjcf(asset, geom, "")))
     assert robot.model.inertias[1].mass == pytest.approx(10 * 2.0)
     assert robot.visual_model.geometryObjects[0].geometry.num_tris == 2
-
-
-def test_a_mesh_that_an_mjcf_does_not_have_is_named(tmp_path):
-    path = write(tmp_path / "r.xml", mjcf(f'<mesh name="n" vertex="{TETRAHEDRON}"/>'))
-    with pytest.raises(rnc.ModelError, match="mesh 'm' not found in geom 0; expected one of: a, j, main, n"):
-        _ = rnc.Robot.from_mjcf(path).visual_model
 
 
 def test_a_mesh_weighs_the_same_inside_and_as_a_file_of_any_format(tmp_path):

@@ -144,18 +144,6 @@ def mjcf(body, head=""):
     return f'<mujoco>{head}<worldbody><body name="b">{body}</body></worldbody></mujoco>'
 
 
-@pytest.mark.parametrize(("text", "words"), [
-    (arm('<dynamics damping="-1"/>'), "damping of joint 'j' is negative"),
-    (arm('<dynamics friction="-1"/>'), "friction of joint 'j' is negative"),
-    (arm(mass="1e308"), "limit 1e.15"),
-    (arm(moment="1e300"), "limit 1e.15"),
-    (arm('<origin xyz="0 1e308 0"/>'), "placement of 'j' is 1e.308 m from its parent"),
-])  # fmt: skip
-def test_what_no_machine_is_is_refused(text, words, tmp_path):
-    with pytest.raises(rnc.ModelError, match=words):
-        rnc.Robot.from_urdf(write(tmp_path / "r.urdf", text))
-
-
 @pytest.mark.parametrize("head", [
     '<!DOCTYPE r [<!ENTITY e SYSTEM "secret.txt">]>', '<!DOCTYPE r SYSTEM "r.dtd">', "",
 ], ids=["file", "DTD", "no"])  # fmt: skip
@@ -189,6 +177,11 @@ HINGE = '<joint name="j" type="hinge"/>'
 
 
 @pytest.mark.parametrize(("text", "words"), [
+    (arm('<dynamics damping="-1"/>'), "damping of joint 'j' is negative"),
+    (arm('<dynamics friction="-1"/>'), "friction of joint 'j' is negative"),
+    (arm(mass="1e308"), "limit 1e.15"),
+    (arm(moment="1e300"), "limit 1e.15"),
+    (arm('<origin xyz="0 1e308 0"/>'), "placement of 'j' is 1e.308 m from its parent"),
     (mjcf(f'{HINGE}{GEOM}<composite type="cable" count="5 1 1"/>'), "<composite> is not supported"),
     (mjcf(f'<joint name="j" damping="-1"/>{GEOM}'), "damping of joint 'j' is negative"),
     (mjcf(f'<joint name="j" range="2 1"/>{GEOM}'), "range of joint 'j' has a lower limit above the upper"),
@@ -198,9 +191,10 @@ HINGE = '<joint name="j" type="hinge"/>'
     (mjcf(HINGE.replace('"j"', '"universe"') + GEOM), "a joint cannot be called 'universe'"),  # ended the process
     (mjcf(f'<body pos="1\xa00 0">{HINGE}{GEOM}</body>'), "pos takes 3 finite numbers"),
 ])  # fmt: skip
-def test_mjcf_that_is_not_read_is_refused_by_name(text, words, tmp_path):
+def test_what_no_machine_is_is_refused_by_name(text, words, tmp_path):
+    read = rnc.Robot.from_mjcf if text.startswith("<mujoco") else rnc.Robot.from_urdf
     with pytest.raises(rnc.ModelError, match=words):
-        rnc.Robot.from_mjcf(write(tmp_path / "r.xml", text))
+        read(write(tmp_path / "r.urdf", text))
 
 
 def test_a_joint_of_the_bases_name_is_refused_beside_a_base(tmp_path):

@@ -267,9 +267,8 @@ def test_the_environment_is_read_by_a_list(tmp_path, monkeypatch):
 ])  # fmt: skip
 def test_a_file_that_would_not_end_is_refused(inside, tmp_path):
     os.mkfifo(tmp_path / "pipe")
-    (tmp_path / "bomb.yaml").write_text(
-        "a0: &a0 {x: 1}\n" + "".join(f"a{k + 1}: &a{k + 1} {{<<: [{', '.join([f'*a{k}'] * 9)}]}}\n" for k in range(9))
-    )
+    lines = (f"a{k + 1}: &a{k + 1} {{<<: [{', '.join([f'*a{k}'] * 9)}]}}\n" for k in range(9))
+    (tmp_path / "bomb.yaml").write_text("a0: &a0 {x: 1}\n" + "".join(lines))
     with ending_within(20), pytest.raises(rnc.ModelError):
         expanded(tmp_path, inside)
 
@@ -293,11 +292,8 @@ def test_elements_of_a_urdf_and_of_simulators_may_have_the_name_of_a_macro(tmp_p
     macros = "".join(f'<xacro:macro name="{name}"><{name}/></xacro:macro>' for name in ("inertial", "camera", "bolt"))
     plain = '<link name="a"><inertial/></link><gazebo><sensor><camera/></sensor></gazebo>'
     root = expanded(tmp_path, f"{macros}{plain}<xacro:bolt/>")
-    assert [[each.tag for each in child.iter()] for child in root] == [
-        ["link", "inertial"],
-        ["gazebo", "sensor", "camera"],
-        ["bolt"],
-    ]
+    found = [" ".join(each.tag for each in child.iter()) for child in root]
+    assert found == ["link inertial", "gazebo sensor camera", "bolt"]
 
 
 @pytest.mark.parametrize(("part", "call", "words"), [
