@@ -164,9 +164,8 @@ def test_rows_of_the_ground_that_no_joint_moves_are_left_alone():
     matrix = np.zeros((5, 3))
     matrix[1:, 0] = [0.8 * ROUNDING, 1.0, 1.3 * ROUNDING, 0.8 * ROUNDING]
     units = ("m/s",) * 4 + ("rad/s",)
-    ground, given = (
-        Assembly(robot, [Flat(matrix, "vwxyz", None, flags, units, on_ground)]) for on_ground in (True, False)
-    )
+    rows = (Flat(matrix, "vwxyz", None, flags, units, on_ground) for on_ground in (True, False))
+    ground, given = (Assembly(robot, [each]) for each in rows)
     assert (ground.names, given.names) == (("y", "z"), ("v", "w", "y", "z"))
     q = np.ones(3)
     np.testing.assert_allclose(given.residual(q), matrix[[0, 1, 3, 4]].sum(axis=1) - 1.0)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from by_numpy import by_numpy
+from by_numpy import by_numpy, needs_library
 from kinds import driven_arm, outputs_of_all_kinds
 from plain_kinematics import Plain, near
 from rnc_pin import _kernel
@@ -23,10 +23,6 @@ from rnc_pin.model.filled_arrays import CompiledArraysAtQ, CompiledArraysAtV, Kn
 from rnc_pin.model.kinematics import OWN_AXES, WORLD_AXES
 from rnc_pin.model.reduction_kernel import ReductionKernel
 from systems import four_bar, free_arm, mobile_manipulator, random_states, space_robot_in_joints, tiago
-
-needs_library = pytest.mark.skipif(
-    _kernel.library is _kernel.NUMPY_ALONE, reason="NumPy evaluates: no library, or RNC_PIN_KERNEL=numpy"
-)
 
 
 @needs_library
@@ -182,11 +178,8 @@ def test_a_wrong_rate_over_time_is_not_used(monkeypatch):
     swing = rnc.planning.Harmonic([0.1], [0.3], 0.5)
     rows = type(rnc.PrescribedMotion(rnc.JointPosition("arm"), swing).bind(rnc.Robot(free_arm())))
     for wrong in (0, 1):
-        monkeypatch.setattr(
-            rows,
-            "rates_over_time",
-            lambda self, t, k=wrong: [x * (1 + (i == k)) for i, x in enumerate(self._at(t)[1:])],
-        )
+        spoilt = lambda self, t, k=wrong: [x * (1 + (i == k)) for i, x in enumerate(self._at(t)[1:])]  # noqa: E731
+        monkeypatch.setattr(rows, "rates_over_time", spoilt)
         with pytest.warns(RuntimeWarning, match="kernel is not used for this model: it differs from NumPy by"):
             assert not driven_arm().reduce().evaluator.kernel
 

@@ -35,9 +35,8 @@ def on_rails(rows, kept, reducing, limit, lengths, free=False, masses=None, actu
     outputs = OutputStack([Rails(reducing, "x")])
     actuation, scales = Actuation(actuators, robot), np.array(lengths, dtype=float)
     shared = Kinematics(robot), PassiveForces((), robot)
-    return ReductionData(
-        robot, RowStack(blocks), kept, actuation, outputs, OutputStack([]), limit, scales, *shared, free
-    )
+    given = (robot, RowStack(blocks), kept, actuation, outputs, OutputStack([]), limit, scales)
+    return ReductionData(*given, *shared, free)
 
 
 def resting(parts, count=None):
@@ -142,12 +141,8 @@ def test_rows_that_are_short_beside_their_length_elsewhere_count_for_less():
         ((0.1, 0.01), (0.0, 0.02), 2),  # what has no length elsewhere is rounding, whatever it is here
         ((0.1, 0.01), (0.2, 0.0), 1),
     ):
-        rows = np.zeros((3, 3))
-        rows[0, 0], rows[1, [0, 1]], rows[2, [0, 1]] = (
-            1e-9,
-            (0.9 * sizes[0], np.sqrt(0.19) * sizes[0]),
-            (0.9 * sizes[1], -np.sqrt(0.19) * sizes[1]),
-        )  # fmt: skip
+        across = np.array([[1e-9, 0, 0], [0.9, np.sqrt(0.19), 0], [0.9, -np.sqrt(0.19), 0]])
+        rows = across * np.array([[1.0], [sizes[0]], [sizes[1]]])
         state = resting(on_rails(rows, (0,), np.eye(3)[[1, 2]], 1e8, [1.0, *lengths, 1.0, 1.0]))
         assert state.kept.tolist() == ([kept] if kept else state.kept.tolist())
         assert state.regular
@@ -267,21 +262,13 @@ def test_one_of_many_states_whose_forces_have_no_bound():
         state.v2_dot([[1.0, 2.0], [3.0, 1e300]])
 
 
-def test_what_is_not_a_number_is_not_called_singular():
-    """It has an error of its own, where it comes from."""
-    robot = sleigh().robot
-    here = Kinematics(robot).position(np.stack([robot.configuration()] * 2))
-    check_defined("small", here.q, np.array([np.nan, 1.0]), 0.5, ("row",))
-    with pytest.raises(rnc.SingularityError, match="small"):
-        check_defined("small", here.q, np.array([1.0, 0.1]), 0.5, ("row",))
-
-
 def test_of_many_states_the_first_that_is_singular_is_told():
-    """With its size and the names of its rows."""
+    """With its size and the names of its rows; what is not a number has an error of its own, where it comes from."""
     robot = sleigh().robot
     generator = np.random.default_rng(0)
     q = np.stack([[robot.random_configuration(generator) for _ in range(3)] for _ in range(2)])
     sizes = np.array([[1.0, 2.0, 1.0], [1.0, 0.25, 0.1]])
-    with pytest.raises(rnc.SingularityError) as told:
+    check_defined("small", q[0], np.array([np.nan, 1.0, 1.0]), 0.5, ("row",))
+    with pytest.raises(rnc.SingularityError, match="small") as told:
         check_defined("small", q, sizes, 0.5, ("row",))
     assert (told.value.q.tolist(), told.value.condition, told.value.rows) == (q[1, 1].tolist(), 4.0, ("row",))

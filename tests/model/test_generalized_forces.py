@@ -38,12 +38,6 @@ def test_a_frame_beside_another_moves_as_one_that_is_there(moved):
     near(rows.bias_acceleration_gradient(at), expected)
 
 
-def test_a_point_is_three_finite_numbers():
-    for wrong in ([1.0, 2.0], [1.0, np.nan, 0.0], np.zeros((1, 3)), 1.0):
-        with pytest.raises(rnc.ConfigurationError, match="expected three finite numbers"):
-            OffsetFrame(ROBOTS["tree"], "on_ball", wrong)
-
-
 def test_actuators_pull_where_they_are():
     """Joints by entries of v, forces and torques by rows of the frame's own Jacobian; and their rates."""
     robot = ROBOTS["tree"]
@@ -57,13 +51,9 @@ def test_actuators_pull_where_they_are():
     actuation = Actuation(kinds, robot)
     names = ("slide", "force(on_ball.z)", "torque(on_endless.y)", "endless", "turn", "force(on_universe.x)")
     assert (actuation.names, actuation.size, actuation.constant) == (names, 6, None)
-    efforts = {
-        name: float(joints.upperEffortLimit[robot.velocity_indices(name).start])
-        for name in ("slide", "endless", "turn")
-    }
-    np.testing.assert_array_equal(
-        actuation.limits, [efforts["slide"], 4.0, np.inf, efforts["endless"], efforts["turn"], 0.5]
-    )
+    names = ("slide", "endless", "turn")
+    slide, endless, turn = (float(joints.upperEffortLimit[robot.velocity_indices(name).start]) for name in names)
+    np.testing.assert_array_equal(actuation.limits, [slide, 4.0, np.inf, endless, turn, 0.5])
     q, v = states(robot)
     for i in ((0, 2), (1, 0)):
 
@@ -96,7 +86,7 @@ def test_actuators_pull_where_they_are():
     assert Actuation(["turn"], rnc.Robot(joints)).limits.tolist() == [np.inf]
 
 
-def test_actuators_that_are_none_are_refused():
+def test_actuators_and_points_that_are_none_are_refused():
     robot = ROBOTS["tree"]
     for wrong, error, words in (
         (np.zeros(robot.nv), rnc.ConstraintError, r"actuation matrix has shape \(12,\), expected \(12, p\)$"),
@@ -116,6 +106,9 @@ def test_actuators_that_are_none_are_refused():
     words = r"actuation matrix B\(q\) returned shape \(12, 3\), expected \(12, 2\)"
     with pytest.raises(rnc.InputError, match=words):
         changing.matrix(Kinematics(robot).position(robot.configuration()))
+    for wrong in ([1.0, 2.0], [1.0, np.nan, 0.0], np.zeros((1, 3)), 1.0):
+        with pytest.raises(rnc.ConfigurationError, match="expected three finite numbers"):
+            OffsetFrame(robot, "on_ball", wrong)
 
 
 def sliders(B):

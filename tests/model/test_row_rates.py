@@ -47,10 +47,8 @@ def test_rates_are_those_of_differences(name):
             np.testing.assert_allclose(along(rows.residual)[kept], moved[kept], atol=FINITE_DIFFERENCE)
         if isinstance(kind, rnc.FrameOrientation):  # a rotation vector, whose rate is an angular velocity
             h = 1e-6
-            ahead, behind = (
-                pin.exp3(rows.value(kinematics.position(pin.integrate(robot.model, q, sign * h * v))))
-                for sign in (1, -1)
-            )
+            moved_to = (pin.integrate(robot.model, q, sign * h * v) for sign in (1, -1))
+            ahead, behind = (pin.exp3(rows.value(kinematics.position(each))) for each in moved_to)
             np.testing.assert_allclose(pin.log3(ahead @ behind.T) / (2 * h), moved, atol=FINITE_DIFFERENCE)
         elif hasattr(rows, "value") and not rows.quasi:
             np.testing.assert_allclose(along(rows.value), moved, atol=FINITE_DIFFERENCE)

@@ -72,9 +72,6 @@ def test_a_configuration_has_no_velocity():
         _ = space_robot().at(position.q).v
 
 
-# ---------------------------------------------------------------------- what has no value
-
-
 NOT_FINITE = {
     "q v2 T": lambda reduced, q, v2, T: reduced.forward_dynamics(q, v2, T),
     "q v2 v2_dot": lambda reduced, q, v2, v2_dot: reduced.inverse_dynamics(q, v2, v2_dot),
@@ -387,9 +384,9 @@ def test_all_of_it_where_other_rows_had_to_be_chosen(system, single, measured):
         where, at = (i, ()) if single else (..., i)
         velocity = {"v": slipping[where]} if measured else {"v2": v2[where]}
         state = StateEvaluation.at(system.evaluator, q[where], **velocity)
-        found, calls, all_rows, all_rows_dot, all_rates, all_rates_dot, J2_dot = plain(
-            system, q[i], v2[i], T[i], damping, slipping[i] if measured else None
-        )
+        velocity = slipping[i] if measured else None
+        calculated = plain(system, q[i], v2[i], T[i], damping, velocity)
+        found, calls, all_rows, all_rows_dot, all_rates, all_rates_dot, J2_dot = calculated
         for name, here in found.items():
             assert_close(getattr(state, name)[at], here, name)
         kept, v = np.broadcast_to(state.kept, (2, 3, 2))[i], found["v"]

@@ -17,11 +17,9 @@ from textbook_systems import sliders
 def test_outputs_are_divided_by_name():
     robot = sliders("XXXX", (2.0, 3.0, 5.0, 7.0))
     outputs = [rnc.JointPosition(name) for name in "dabc"]
-    reduced = SimpleNamespace(
-        reducing=OutputStack([each.bind(robot) for each in outputs[:3]]),
-        vertical=OutputStack([each.bind(robot) for each in (*outputs[3:], *outputs[:2])]),
-        r=3,
-    )
+    reducing, vertical = outputs[:3], (*outputs[3:], *outputs[:2])
+    reducing, vertical = (OutputStack([each.bind(robot) for each in stack]) for stack in (reducing, vertical))
+    reduced = SimpleNamespace(reducing=reducing, vertical=vertical, r=3)
     task = rnc.Task.of(reduced, ["b", "d"], ["a"], ["a", "c"])
     assert (task.primary.tolist(), task.redundant.tolist(), task.vertical.tolist()) == ([2, 0], [1], [2, 0])
     assert (task.primary_names, task.redundant_names, task.vertical_names) == (("b", "d"), ("a",), ("a", "c"))

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, assume, given, settings
 
 import rnc_pin as rnc
 from bodies import add_body
-from by_numpy import by_numpy
+from by_numpy import by_numpy, needs_library
 from kernel_calls import CALLS, LIMITS, TASKS, Taken, rows_of
 from kinds import ILL_SCALED, KINDS, ROBOTS, driven_arm
 from random_systems import recipes, reduced_of
@@ -23,9 +23,7 @@ from rnc_pin.model.integrators import LieRungeKutta4
 from rnc_pin.model.kernel_rows import Form, Value
 from systems import mobile_manipulator, random_states, rolling_bodies, sprung_arm, tiago, tumbling_panda
 
-pytestmark = pytest.mark.skipif(
-    _kernel.library is _kernel.NUMPY_ALONE, reason="NumPy evaluates: no library, or RNC_PIN_KERNEL=numpy"
-)
+pytestmark = needs_library
 BY_PYTHON = {"Pfaffian", "CenterOfMass", "ForceFunction"}
 """Kinds that the kernel does not know; rows of a user are in ``outputs_of_all_kinds``."""
 
@@ -270,12 +268,9 @@ def test_each_kind_has_a_reduction(monkeypatch):
     for make in (*KINDS.values(), lambda: driven_arm().reduce()):
         reduced = inspect.unwrap(make)()
         data, model = reduced.reduction_data, reduced.robot.model
-        rows = [
-            row
-            for stack in (reduced.all_constraints, data.reducing, data.vertical)
-            for place in stack.places
-            for row in place.block.kernel_rows(model) or ()
-        ]
+        stacks = (reduced.all_constraints, data.reducing, data.vertical)
+        blocks = [place.block for stack in stacks for place in stack.places]
+        rows = [row for block in blocks for row in block.kernel_rows(model) or ()]
         forms |= {row.form for row in rows}
         values |= {row.value[0] for row in rows}
     assert ({kind.__name__ for kind in kinds - bound}, forms) == (BY_PYTHON, set(Form) - {Form.EXTERNAL})

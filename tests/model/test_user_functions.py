@@ -58,14 +58,11 @@ def test_functions_may_return_the_same_memory_each_time(rng):
         memory[:] = turning(q)
         return memory
 
-    systems = [
-        rnc.NonholonomicSystem(
-            robot,
-            [rnc.Pfaffian(rows, names=["own"], rate=lambda q, rows=rows: 0.1 * rows(q)[0, 1:2])],
-            ["joint_1", "joint_2", "joint_3"],
-        ).reduce()
-        for rows in (turning, in_place)
-    ]
+    def system(rows):
+        own = rnc.Pfaffian(rows, names=["own"], rate=lambda q: 0.1 * rows(q)[0, 1:2])
+        return rnc.NonholonomicSystem(robot, [own], robot.joint_names[1:]).reduce()
+
+    systems = [system(turning), system(in_place)]
     q, v2, T = robot.random_configuration(rng), rng.normal(size=3), rng.normal(size=3)
     expected, found = (each.forward_dynamics(q, v2, T) for each in systems)
     np.testing.assert_array_equal(found, expected)
