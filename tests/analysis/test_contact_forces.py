@@ -107,9 +107,8 @@ def test_a_run_that_needs_more_than_the_stated_friction_fails(grip, word):
 def test_a_contact_that_needs_the_most_friction_between_two_samples_is_judged_there(gripping, friction, word):
     """One sample of 0.4 s beside forty of the same motion: the side force rises and falls within it."""
     grip, q0 = rnc.Grip(gripping, friction), gripping.robot.configuration()
-    coarse, fine = (
-        rnc.simulate(gripping, Inputs(lambda t: [4.0, -1.0]), q0, 0.4, dt, v2_0=[0.5, 2.0]) for dt in (0.4, 0.01)
-    )
+    inputs = Inputs(lambda t: [4.0, -1.0])
+    coarse, fine = (rnc.simulate(gripping, inputs, q0, 0.4, dt, v2_0=[0.5, 2.0]) for dt in (0.4, 0.01))
     most = [grip.used_by_forces(run.q, run.contact_forces, run.normal_forces).max() for run in (coarse, fine)]
     assert most[0] < 1.0
     verdict = judge(coarse, grip=grip)

@@ -52,9 +52,8 @@ def test_a_row_is_integrable_to_a_part_in_a_hundred_thousand(share):
 @pytest.mark.parametrize("count", [2, 3])
 def test_places_where_brackets_are_fewer_than_elsewhere_do_not_count(count):
     """``dz = x^2 dy``: on x = 0 the bracket vanishes, so that there nothing seems to lead out."""
-    row = rnc.Pfaffian(
-        lambda q: np.array([[0.0, -(q[0] ** 2), 1.0]]), lambda q, v: np.array([[0.0, -2 * q[0] * v[0], 0.0]]), ["row"]
-    )
+    rows = (lambda q: np.array([[0.0, -(q[0] ** 2), 1.0]]), lambda q, v: np.array([[0.0, -2 * q[0] * v[0], 0.0]]))
+    row = rnc.Pfaffian(*rows, ["row"])
     reduced = rnc.NonholonomicSystem(rail_sliders(3), [row]).reduce([rnc.JointPosition("s0"), rnc.JointPosition("s1")])
     for where in range(count):
         x = np.full(count, 0.7)

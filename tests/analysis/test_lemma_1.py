@@ -140,9 +140,8 @@ def slides(A, A_dot, moving=False):
     """Unit masses, of which the last moves at ``A(q) v2 + 0.4 + q1``; the rates change after they were checked."""
     told = right_rate
     moves = (lambda q: 0.4 + q[1:2], lambda q, v: v[1:2]) if moving else ()
-    row = rnc.Pfaffian(
-        lambda q: np.array([[*(-A(q)), 1.0]]), lambda q, v: np.array([[*(-told(q, v)), 0.0]]), ["row"], *moves
-    )
+    rows = (lambda q: np.array([[*(-A(q)), 1.0]]), lambda q, v: np.array([[*(-told(q, v)), 0.0]]))
+    row = rnc.Pfaffian(*rows, ["row"], *moves)
     reduced = rnc.NonholonomicSystem(rail_sliders(3), [row]).reduce([rnc.JointPosition("s0"), rnc.JointPosition("s1")])
     told = A_dot
     return reduced

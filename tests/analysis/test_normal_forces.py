@@ -73,31 +73,21 @@ def test_what_pulls_at_a_planar_base_loads_its_wheels_as_on_a_free_base(forces):
     (planar, q_planar), (free, q_free) = pulled("planar", forces(0.0)), pulled("free", forces(0.1))
     generator = np.random.default_rng(1)
     v2, T = generator.normal(size=(9, 2)), generator.normal(size=(9, 2))
-    ours, theirs = (
-        NormalForces(model).at(model.at(np.tile(q, (9, 1)), v2), T) for model, q in ((planar, q_planar), (free, q_free))
-    )
-    np.testing.assert_allclose(ours, theirs, atol=1e-7)
-    ours, theirs = (
-        rnc.Grip(model, 0.9).used(np.tile(q, (9, 1)), v2, T) for model, q in ((planar, q_planar), (free, q_free))
-    )
-    np.testing.assert_allclose(ours, theirs, atol=1e-6)
+    models = [(model, np.tile(q, (9, 1))) for model, q in ((planar, q_planar), (free, q_free))]
+    np.testing.assert_allclose(*(NormalForces(model).at(model.at(q, v2), T) for model, q in models), atol=1e-7)
+    np.testing.assert_allclose(*(rnc.Grip(model, 0.9).used(q, v2, T) for model, q in models), atol=1e-6)
 
 
 CUSTOM = rnc.Output(None, lambda q: np.eye(5)[:1], names=["x"])
 
 
-@pytest.mark.parametrize(
-    ("forces", "constraints", "actuators", "name"),
-    [
-        ([rnc.forces.ForceFunction(lambda q, v: -0.1 * v, name="drag")], [], WHEELS, "drag"),
-        ([rnc.forces.Damper(CUSTOM, 1.0)], [], WHEELS, "damper"),
-        ([], [rnc.FixedOutput(rnc.FramePosition("hook", "x"), -0.3)], WHEELS, "hook"),
-        ([], [], np.eye(5)[:, :1], "T.0."),
-    ],
-)
-def test_what_acts_on_a_planar_base_with_an_unknown_wrench_leaves_its_loads_unknown(
-    forces, constraints, actuators, name
-):
+@pytest.mark.parametrize(("forces", "constraints", "actuators", "name"), [
+    ([rnc.forces.ForceFunction(lambda q, v: -0.1 * v, name="drag")], [], WHEELS, "drag"),
+    ([rnc.forces.Damper(CUSTOM, 1.0)], [], WHEELS, "damper"),
+    ([], [rnc.FixedOutput(rnc.FramePosition("hook", "x"), -0.3)], WHEELS, "hook"),
+    ([], [], np.eye(5)[:, :1], "T.0."),
+])  # fmt: skip
+def test_an_unknown_wrench_on_a_planar_base_leaves_its_loads_unknown(forces, constraints, actuators, name):
     reduced, q = pulled("planar", forces, constraints, actuators)
     states, T = reduced.at(q, np.zeros(reduced.r)), np.zeros(reduced.p)
     assert np.isnan(NormalForces(reduced).at(states, T)).all()
@@ -193,12 +183,8 @@ def test_four_supports_carry_what_they_can_without_pulling():
     forces = balanced(gives[None], np.zeros((1, 3, 0)), needed[None])[0]
     assert forces.min() >= 0
     np.testing.assert_allclose(gives @ forces, needed, atol=1e-9)
-    best = minimize(
-        lambda f: f @ f,
-        np.full(4, 2.5),
-        bounds=[(0, None)] * 4,
-        constraints={"type": "eq", "fun": lambda f: gives @ f - needed},
-    )
+    inside = {"type": "eq", "fun": lambda f: gives @ f - needed}
+    best = minimize(lambda f: f @ f, np.full(4, 2.5), bounds=[(0, None)] * 4, constraints=inside)
     np.testing.assert_allclose(forces, best.x, atol=1e-4)
     outside = balanced(gives[None], np.zeros((1, 3, 0)), (needed * [1, 2, 2])[None])[0]  # it would tip over
     np.testing.assert_allclose(outside, np.linalg.pinv(gives) @ (needed * [1, 2, 2]), atol=1e-9)

@@ -164,10 +164,9 @@ def test_coordinates_have_the_order_of_their_weight_along_flows(name):
         for each in inputs:
             now = q
             for u in each:
+                flow = lambda at, y, u=u: (reduced.at(at).R @ u, y)  # noqa: E731
                 for _ in range(steps):
-                    now, _ = integrator.step(
-                        lambda at, y, u=u: (reduced.at(at).R @ u, y), now, y=np.zeros(0), h=time / steps
-                    )
+                    now, _ = integrator.step(flow, now, y=np.zeros(0), h=time / steps)
             ends.append(now)
         sizes.append(np.abs(coordinates.values(np.array(ends))).max(axis=0))
     slopes = np.log(sizes[0] / sizes[1]) / np.log(times[0] / times[1])

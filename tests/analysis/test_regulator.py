@@ -99,20 +99,14 @@ test_costs_that_are_none_are_refused = refused([
 
 
 @pytest.mark.parametrize("fast", [0.3, 3.0])
-def test_what_fades_by_itself_need_not_be_reached(fast):
+def test_what_fades_need_not_be_reached_and_what_grows_slowly_has_to_cost_something(fast):
     limit = 1e-5 * max(1.0, fast)
-    B = [[0.0], [1.0]]
+    B, identity = [[0.0], [1.0]], np.eye(2)
     assert told(linear(np.diag([-0.97 * limit, -fast]), B), 1.0) == NOT_REACHED + "x0"
     K = rnc.lqr(linear(np.diag([-1.03 * limit, -fast]), B), 1.0)
     np.testing.assert_allclose(K, [[0.0, np.sqrt(fast**2 + 1.0) - fast]], atol=1e-9)
-
-
-@pytest.mark.parametrize("fast", [0.3, 3.0])
-def test_what_grows_slowly_has_to_cost_something(fast):
-    limit = 1e-5 * max(1.0, fast)
-    B = np.eye(2)
-    assert told(linear(np.diag([0.97 * limit, -fast]), B), [0.0, 1.0]) == COSTS_NOTHING + "x0"
-    K = rnc.lqr(linear(np.diag([1.03 * limit, -fast]), B), [0.0, 1.0])
+    assert told(linear(np.diag([0.97 * limit, -fast]), identity), [0.0, 1.0]) == COSTS_NOTHING + "x0"
+    K = rnc.lqr(linear(np.diag([1.03 * limit, -fast]), identity), [0.0, 1.0])
     np.testing.assert_allclose(K[0], [2 * 1.03 * limit, 0.0], rtol=1e-3, atol=1e-9)
 
 

@@ -16,12 +16,9 @@ def rates_of(rows, names):
 
 def two_ways_to_be_singular():
     """a and b agree where q1 is a multiple of pi, c and d where q3 is zero."""
-    return rnc.NonholonomicSystem(rail_sliders(4), []).reduce(
-        [
-            rates_of(lambda q: [[0, 0, 2.0, 0], [3, 0, 0, 0]], ["c", "a"]),
-            rates_of(lambda q: [[np.cos(q[1]), np.sin(q[1]), 0, 0], [0, 0, 1, q[3]]], ["b", "d"]),
-        ]
-    )
+    first = rates_of(lambda q: [[0, 0, 2.0, 0], [3, 0, 0, 0]], ["c", "a"])
+    second = rates_of(lambda q: [[np.cos(q[1]), np.sin(q[1]), 0, 0], [0, 0, 1, q[3]]], ["b", "d"])
+    return rnc.NonholonomicSystem(rail_sliders(4), []).reduce([first, second])
 
 
 def test_each_singular_set_is_met_with_the_rows_that_are_dependent_there():
@@ -118,9 +115,8 @@ def test_the_worst_sample_is_told_where_nothing_vanishes(jump):
     def side(q):
         return -1.0 if jump and q[0] < 0 else 1.0
 
-    reduced = rnc.NonholonomicSystem(rail_sliders(2), []).reduce(
-        [rates_of(lambda q: [[1, 0], [2 * np.cos(q[1]), side(q) * 2 * np.sin(q[1])]], ["a", "b"])]
-    )
+    rows = rates_of(lambda q: [[1, 0], [2 * np.cos(q[1]), side(q) * 2 * np.sin(q[1])]], ["a", "b"])
+    reduced = rnc.NonholonomicSystem(rail_sliders(2), []).reduce([rows])
     configurations = np.array([[-0.3, 1.2], [0.2, 0.4], [-0.1, 1.5], [0.3, 0.25], [0.1, 0.7], [0.2, 0.3]])
     (found,) = stack_singularities(reduced, configurations)
     assert not found.located
