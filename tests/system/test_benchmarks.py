@@ -51,11 +51,8 @@ def test_the_solution_by_hand_agrees(name):
 def test_pinocchios_own_dynamics_agree_and_a_wrong_one_is_noticed():
     case = CASES["space-robot"]()
     rows = list(evaluations(case, [pinocchio_calls], rounds=1))
-    assert [row["peer"] for row in rows] == [
-        "KKT in Python",
-        "Pinocchio forwardDynamics",
-        "Pinocchio constraintDynamics",
-    ]
+    peers = ["KKT in Python", "Pinocchio forwardDynamics", "Pinocchio constraintDynamics"]
+    assert [row["peer"] for row in rows] == peers
     assert max(row["difference"] for row in rows) < KKT
     assert all(row["us"] > 0 and row["ratio"] == pytest.approx(row["ours_us"] / row["us"]) for row in rows)
     states = regular_states(case.reduced, case.q0, 5)

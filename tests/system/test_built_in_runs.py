@@ -26,15 +26,9 @@ FREE = (  # which have no goals
     "rattleback", "ball-in-bowl", "ball-on-turntable", "roller-racer", "disk-on-slope", "chaplygin-ball",
     "shaken-pendulum", "dropped-disk", "skidding-robot",
 )  # fmt: skip
-ELSEWHERE = (  # tests of their own below
-    "fire-truck", "park", "tiago-rooms", *FREE,
-)  # fmt: skip
-ENOUGH = {  # [s]; of scenarios that go on and on, after which nothing new happens
-    "space-robot-uncertain": 12.0,
-    "wheels-uncertain": 12.0,
-}
-
-
+ELSEWHERE = ("fire-truck", "park", "tiago-rooms", *FREE)  # tests of their own below
+# Durations [s] of scenarios that go on and on, after which nothing new happens.
+ENOUGH = {"space-robot-uncertain": 12.0, "wheels-uncertain": 12.0}
 PERIODS = {
     "free-flying-arm": 0.0035, "tiago": 0.004, "unicycle": 0.0055,  # whose gains do not suit a slower one
     # Whose samples cost most.

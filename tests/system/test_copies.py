@@ -130,9 +130,8 @@ def test_a_loop_goes_on_elsewhere_to_the_bit(name):
 
 
 def shapes(robot):
-    return robot.visual_model and [
-        (one.name, type(one.geometry).__name__) for one in robot.visual_model.geometryObjects
-    ]
+    objects = robot.visual_model and robot.visual_model.geometryObjects
+    return objects and [(one.name, type(one.geometry).__name__) for one in objects]
 
 
 def test_robots_of_every_source_draw_themselves_elsewhere(tmp_path):

@@ -14,22 +14,14 @@ def test_one_state_of_the_sleigh_is_what_the_lagrangian_says():
     assert max(found, key=lambda each: each[1])[1] < EXACT
 
 
-def test_the_matrices_of_the_bicycle_are_those_of_its_parameters():
+def test_the_matrices_of_bicycles_are_those_of_their_parameters():
     from derivations import bicycle_linear
 
-    data = read("bicycle_linear")
-    found = {name: matrix.tolist() for name, matrix in bicycle_linear.matrices(data["parameters"]).items()}
-    assert max(each for _, each in differences(found, data["linear"])) < EXACT
+    data, measured = read("bicycle_linear"), read("moore_bicycles")["bicycles"]
+    assert len(measured) == 10
+    for each in (data, *measured.values()):
+        found = {name: matrix.tolist() for name, matrix in bicycle_linear.matrices(each["parameters"]).items()}
+        assert max(apart for _, apart in differences(found, each["linear"])) < EXACT
     wrong = {**data["parameters"], "IHxx": 0.06}  # what many public copies have
     apart = differences(bicycle_linear.matrices(wrong)["M"].tolist(), data["linear"]["M"])
     assert max(each for _, each in apart) > 1e-6
-
-
-def test_the_matrices_of_measured_bicycles_are_those_of_their_parameters():
-    from derivations import bicycle_linear
-
-    bicycles = read("moore_bicycles")["bicycles"]
-    assert len(bicycles) == 10
-    for bicycle in bicycles.values():
-        found = {name: matrix.tolist() for name, matrix in bicycle_linear.matrices(bicycle["parameters"]).items()}
-        assert max(each for _, each in differences(found, bicycle["linear"])) < EXACT

@@ -61,11 +61,8 @@ def documented(thing) -> set[str]:
 
 def fields_with_docstrings(kind: type) -> set[str]:
     source = textwrap.dedent(inspect.getsource(sys.modules[kind.__module__]))
-    body = next(
-        node.body
-        for node in ast.walk(ast.parse(source))
-        if isinstance(node, ast.ClassDef) and node.name == kind.__name__
-    )
+    classes = (node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.ClassDef))
+    body = next(each.body for each in classes if each.name == kind.__name__)
     return {
         field.target.id
         for field, text in pairwise(body)

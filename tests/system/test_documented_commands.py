@@ -228,9 +228,8 @@ def test_command_runs(command, beside, call, tmp_path, monkeypatch):
 
 
 def test_commands_are_found_in_blocks_and_sentences():
-    text = (
-        "Type `rnc-pin run NAME`, not `run` or ``rnc-pin nothing``.\n\n    pip install '.[dask]' && rnc-pin list  # x\n"
-    )
+    text = "Type `rnc-pin run NAME`, not `run` or ``rnc-pin nothing``.\n\n"
+    text += "    pip install '.[dask]' && rnc-pin list  # x\n"
     text += "    F = m a\n\n```sh\nunknown --flag > file\n```\n\n```python\nrnc-pin = 1\n```\n"
     expected = ["rnc-pin run space-robot", "pip install .[dask]", "rnc-pin list", "unknown --flag"]
     assert [each.text for each in commands_of_text(text, "page.md")] == expected

@@ -62,10 +62,8 @@ def test_tiago_keeps_its_hand_on_the_path_and_its_wheels_on_the_ground(call, nam
               for j in (left, right)]  # fmt: skip
     yaw = np.unwrap(np.arctan2(run.q[:, 3], run.q[:, 2]))
     pin.framesForwardKinematics(model, data, robot.configuration())
-    apart = (
-        data.oMf[robot.frame_id("wheel_left_link")].translation
-        - data.oMf[robot.frame_id("wheel_right_link")].translation
-    )
+    wheels = (data.oMf[robot.frame_id(f"wheel_{side}_link")].translation for side in ("left", "right"))
+    apart = np.subtract(*wheels)
     difference = RADIUS * (rolled[1] - rolled[0])
     sign = np.sign(difference @ yaw)
     np.testing.assert_allclose(sign * (difference - difference[0]), apart[1] * (yaw - yaw[0]), atol=1e-8)

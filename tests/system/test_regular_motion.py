@@ -131,10 +131,6 @@ def car(order):
     return rnc.NonholonomicSystem(ackermann_robot(), [*wheels, steering], ["left_steer", "bl_spin", "br_spin"])
 
 
-def in_speed_and_steering(system):
-    return system.reduce([rnc.FrameSpeed("base"), rnc.JointPosition("left_steer")])
-
-
 def steered(robot, curvature, place=(0.4, -0.3, 0.8)):
     """Configuration: every axle points to one centre, (0, 1 / curvature); the right joint turns about an axis down."""
     angles = (sign * np.arctan2(curvature * WHEELBASE, 1 - sign * curvature * TRACK / 2) for sign in (1, -1))
@@ -150,7 +146,8 @@ def close(actual, expected, tolerance):
 def test_a_car_moves_as_all_rows_say_in_every_order(order):
     """About its turning centre, and accelerated as KKT over all rows demands, one by one and in one call."""
     system, generator = car(order), np.random.default_rng(3)
-    reduced, robot, kinematics = in_speed_and_steering(system), system.robot, Kinematics(system.robot)
+    reduced = system.reduce([rnc.FrameSpeed("base"), rnc.JointPosition("left_steer")])
+    robot, kinematics = system.robot, Kinematics(system.robot)
     data, states, expected = robot.model.createData(), [], []
     for curvature in CURVATURES:
         q, v2, T = steered(robot, curvature), generator.uniform(-2, 2, 2), generator.uniform(-20, 20, 3)

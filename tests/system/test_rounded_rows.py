@@ -47,10 +47,8 @@ def test_toed_wheels_keep_their_yaw():
 
 
 def test_wheels_that_are_toed_more_are_warned_of():
-    with pytest.warns(
-        rnc.ModelWarning,
-        match=r"nearly dependent \(smallest singular value 0.00018 at best.* check for rounded angles of wheels",
-    ) as said:
+    words = r"nearly dependent \(smallest singular value 0.00018 at best.* check for rounded angles of wheels"
+    with pytest.warns(rnc.ModelWarning, match=words) as said:
         system = rnc.NonholonomicSystem(toed_wheels(angle=CUT), WHEELS, AXLES)
     assert len(said) == 1
     assert system.r == 1  # as the file says

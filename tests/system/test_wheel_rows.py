@@ -109,9 +109,8 @@ def test_a_skid_steer_turns_about_the_axle_it_is_given():
     system = rnc.NonholonomicSystem(robot, [*pair, rnc.NoSideSlip("base", at=(behind, 0, 0))], ["fl_spin", "fr_spin"])
     assert system.rows.names[:2] == ("rolling(fl)", "vertical(fl)")
     assert system.rows.names[-1] == "no_side_slip(base[-0.12 0 0].y)"
-    reduced = system.reduce(
-        [rnc.FrameSpeed("base"), rnc.FrameYaw("base"), *(rnc.JointPosition(f"b{s}_spin") for s in "lr")]
-    )
+    spins = [rnc.JointPosition(f"b{side}_spin") for side in "lr"]
+    reduced = system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base"), *spins])
     for q, v2 in random_states(reduced, 3):
         v = reduced.at(q, v2).v
         assert v[1] == pytest.approx(-behind * v2[1], abs=ROUNDING)
@@ -166,9 +165,8 @@ def test_a_point_beside_a_frame_is_as_a_frame_there():
     turned = (0.3, -0.5, 1.1)
     back = pin.rpy.rpyToMatrix(np.array(turned)).T
     frames = {"a": ("rear", pin.SE3(np.eye(3), np.array(BESIDE)))}
-    frames |= {
-        name: ("front", pin.SE3(R, np.array([0.0, 0.1, -0.4]))) for name, R in (("b", np.eye(3)), ("b_turned", back))
-    }
+    place, turns = np.array([0.0, 0.1, -0.4]), {"b": np.eye(3), "b_turned": back}
+    frames |= {name: ("front", pin.SE3(R, place)) for name, R in turns.items()}
     robot = with_frames(systems.bicycle().robot, frames)
     offsets = {"offset_a": BESIDE, "offset_b": (0.0, 0.1, -0.4)}
     pairs = [
