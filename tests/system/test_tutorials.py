@@ -1,4 +1,4 @@
-"""What readers follow runs: tutorials and explanations in their order, the notebook, Gymnasium's environment."""
+"""Tutorials and explanations run in their order, and so do the notebook and Gymnasium's environment."""
 
 import re
 import runpy
