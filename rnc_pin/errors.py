@@ -7,8 +7,9 @@ import itertools
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, Self
+from typing import TYPE_CHECKING, NamedTuple, Protocol, Self
 
 if TYPE_CHECKING:
     import numpy as np
@@ -374,3 +375,45 @@ def short_text(value: object) -> str:
         return f"a mapping with keys {', '.join(map(str, list(value)[:4]))}" if value else "an empty mapping"
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
+
+
+# ---------------------------------------------------------------------- packages that are not installed
+
+
+class _Package(NamedTuple):
+    """Package of an extra: the name that people read, and the module."""
+
+    name: str
+    module: str
+
+
+_PACKAGES = {
+    "control": _Package("python-control", "control"),
+    "dask": _Package("Dask", "distributed"),
+    "meshes": _Package("trimesh", "trimesh"),
+    "mujoco": _Package("MuJoCo", "mujoco"),
+    "ompl": _Package("OMPL", "ompl"),
+    "video": _Package("Playwright", "playwright"),
+}
+
+
+def missing_extra(extra: str) -> str:
+    """Message about the missing package of an extra; it tells how to install it.
+
+    The package is on no index, so the command is for the folder of the source.
+    """
+    return f"{_PACKAGES[extra].name} is not installed: pip install '.[{extra}]' in the folder of rnc_pin's source"
+
+
+def check_extra(extra: str, purpose: str) -> None:
+    """Find the package of an extra without importing it.
+
+    Args:
+        extra: name of the extra.
+        purpose: what needs the package, for the message.
+
+    Raises:
+        ConfigurationError: the package is not installed.
+    """
+    if find_spec(_PACKAGES[extra].module) is None:
+        raise ConfigurationError(f"{purpose}: {missing_extra(extra)}")

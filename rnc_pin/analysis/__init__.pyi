@@ -1,6 +1,6 @@
 """Exports of ``rnc_pin.analysis``, which ``__init__.py`` imports at their first use."""
 
-from rnc_pin.constraints.wheel_heights import wheel_height_findings as wheel_height_findings
+from rnc_pin.constraints.wheeled_base import wheel_height_findings as wheel_height_findings
 
 from .contact_forces import Grip as Grip
 from .derivatives import StateDerivatives as StateDerivatives

@@ -15,8 +15,15 @@ from rnc_pin.analysis.derivatives import StateDerivatives, state_derivatives
 from rnc_pin.analysis.equilibrium import entries_of
 from rnc_pin.analysis.lie_brackets import frame_bracket
 from rnc_pin.array_shapes import Float
-from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, InputError, ModelError, place_of
-from rnc_pin.extras import check_extra
+from rnc_pin.errors import (
+    ConfigurationError,
+    ConstraintError,
+    InfeasibleError,
+    InputError,
+    ModelError,
+    check_extra,
+    place_of,
+)
 from rnc_pin.math.linear_algebra import sorted_eigenvalues
 from rnc_pin.model.independence import ROUNDING
 from rnc_pin.model.kinematics import Kinematics

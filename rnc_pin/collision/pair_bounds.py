@@ -23,8 +23,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Bool, Float, Int
-from rnc_pin.collision.collision_distances import CollisionDistances
-from rnc_pin.collision.distance_bounds import PlacedBodies
+from rnc_pin.collision.collision_distances import CollisionDistances, PlacedBodies
 from rnc_pin.collision.motion_segments import Segments
 from rnc_pin.errors import ModelError
 

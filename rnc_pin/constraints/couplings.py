@@ -9,11 +9,11 @@ from typing import Literal, NamedTuple, cast
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin._kernel import Form, KernelRow, wrench_rows
 from rnc_pin.errors import ConfigurationError, ConstraintError, nearest
 from rnc_pin.math.linear_algebra import Component, Entry, apply, components, cross, packed, packed_vector
 from rnc_pin.model.frame_rows import DirectionRows, OffsetFrame, PointRows, frame_direction, triple
 from rnc_pin.model.input_validation import Axis, Vector, is_number
-from rnc_pin.model.kernel_rows import Form, KernelRow, wrench_rows
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics, over_states
 from rnc_pin.model.relative_rows import CouplingRow, RelativeRows
 from rnc_pin.model.rows import FrameAnchor, JointCoupler, Rows

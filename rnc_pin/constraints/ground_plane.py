@@ -13,11 +13,11 @@ from typing import NamedTuple, cast
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin._kernel import Form, KernelRow, attached, wrench_rows
 from rnc_pin.errors import ConfigurationError, ConstraintError
 from rnc_pin.math.linear_algebra import Entry, cross, dot
 from rnc_pin.model.frame_rows import FLAT, DirectionRows, frame_direction, triple
 from rnc_pin.model.input_validation import Vector, is_number
-from rnc_pin.model.kernel_rows import Form, KernelRow, attached, wrench_rows
 from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.relative_rows import RelativeRows
 from rnc_pin.model.rows import Friction, GroundContact, GroundSurface, Rows, carrier_of, check_defined

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin._kernel import Form, KernelRow, placement_numbers
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.input_validation import Numbers
-from rnc_pin.model.kernel_rows import Form, KernelRow, placement_numbers
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics, over_states
 from rnc_pin.model.rows import Rows
 from rnc_pin.robots.robot import Robot

@@ -11,10 +11,10 @@ import numpy as np
 import pinocchio as pin
 from numpy import ndarray as Array
 
+from rnc_pin._kernel import KernelRow
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import Component, apply
 from rnc_pin.model.coordinates import Coordinates, left_jacobian
-from rnc_pin.model.kernel_rows import KernelRow
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics, over_states
 from rnc_pin.model.rows import ConstantRows, OutputKind, OutputRows, Rows, admit_rows, admitting
 from rnc_pin.model.user_functions import DerivedRate, Function, Rate, central_difference, check_rate

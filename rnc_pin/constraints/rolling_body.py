@@ -2,28 +2,388 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from abc import abstractmethod
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from threading import get_ident
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin._kernel import Form, KernelRow, attached, wrench_rows
 from rnc_pin.constraints.ground_plane import GroundPlane, on_carrier
-from rnc_pin.constraints.surface_contact import (
-    BodyContactRows,
-    SurfaceContactRows,
-    contact_wrench_rates,
-    contact_wrenches,
+from rnc_pin.constraints.surfaces import (
+    BodyShape,
+    CurvedGround,
+    CylindricalGround,
+    Sphere,
+    SphericalGround,
+    admit_ground,
+    support_numbers,
 )
-from rnc_pin.constraints.surfaces import BodyShape, CurvedGround, Sphere, admit_ground, support_numbers
 from rnc_pin.errors import ConstraintError
-from rnc_pin.math.linear_algebra import apply, apply_transposed, vector_product
-from rnc_pin.model.frame_rows import FLAT, ConstantWrenchRows, triple
+from rnc_pin.math.linear_algebra import Entry, apply, apply_transposed, cross, cross_columns, dot, vector_product
+from rnc_pin.model.frame_rows import FLAT, ConstantWrenchRows, WrenchRows, point_name, triple
 from rnc_pin.model.input_validation import Positive, Vector, is_number
-from rnc_pin.model.kernel_rows import Form, KernelRow, attached, wrench_rows
 from rnc_pin.model.kinematics import Placement, PositionKinematics
 from rnc_pin.model.rows import GroundContact, Rows, check_defined
 from rnc_pin.robots.robot import Robot
+
+_EYE = np.eye(3)
+
+
+class SurfaceContact(NamedTuple):
+    """Contact of body and surface: nearest points, in world axes."""
+
+    point: np.ndarray
+    """Point g of the surface (..., 3) [m]."""
+    gap: np.ndarray
+    """Distance d of the body from the surface (...) [m]."""
+    normal: np.ndarray
+    """Normal n of the surface (..., 3), out of the ground."""
+    turning: np.ndarray
+    """Derivative K of the normal by the point, (..., 3, 3)."""
+    arm: np.ndarray
+    """From the frame's origin to the contact point of the body (..., 3)."""
+    spread: np.ndarray
+    """Derivative B of that point by the body's outward normal, (..., 3, 3)."""
+    along: np.ndarray
+    """Direction (..., 3) whose projection on the surface is the first axis."""
+
+    @property
+    def relative(self) -> np.ndarray:
+        """Matrix M = I + (B + d) K of the nearest points (..., 3, 3)."""
+        return np.asarray(_EYE + (self.spread + self.gap[..., None, None] * _EYE) @ self.turning)
+
+
+def contact_wrenches(axes: np.ndarray, arm: np.ndarray, count: int) -> np.ndarray:
+    """Wrenches (..., k, 6) of a contact: forces along its axes at an arm, and a torque about its normal.
+
+    Args:
+        axes: two axes along the ground and its normal, as rows (..., 3, 3).
+        arm: vector from the frame's origin to the contact point (..., 3).
+        count: number of wrenches, 3 without the torque, else 4.
+    """
+    moments = cross_columns(arm, axes.mT).mT
+    axes = np.broadcast_to(axes, moments.shape)
+    torque = np.concatenate([np.zeros_like(moments[..., :1, :]), axes[..., 2:, :]], axis=-1)
+    return np.concatenate([np.concatenate([axes, moments], axis=-1), torque], axis=-2)[..., :count, :]
+
+
+def contact_wrench_rates(
+    axes: np.ndarray, axes_rate: np.ndarray, arm: np.ndarray, arm_rate: np.ndarray, count: int
+) -> np.ndarray:
+    """Rates of ``contact_wrenches``.
+
+    Args:
+        axes: two axes along the ground and its normal, as rows (..., 3, 3).
+        axes_rate: rates of the axes (..., 3, 3) [1/s].
+        arm: vector from the frame's origin to the contact point (..., 3) [m].
+        arm_rate: rate of the arm (..., 3) [m/s].
+        count: number of wrenches, 3 without the torque, else 4.
+    """
+    found = contact_wrenches(axes_rate, arm, count)
+    found[..., :3, 3:] += cross_columns(arm_rate, axes.mT).mT
+    return found
+
+
+def curved_gradient(away: Sequence[Entry], scale: Entry, axis: Sequence[Entry]) -> list[Entry]:
+    """Gradient (3,) of the level of a sphere or cylinder, at a vector ``away`` from a point of its axis.
+
+    Args:
+        away: vector from a point of the axis to the place (3,) [m].
+        scale: one over the radius of the ground, negative inside [1/m].
+        axis: unit axis of a cylinder (3,); zero for a sphere.
+    """
+    height = dot(axis, away)
+    return [scale * (u - height * a) for u, a in zip(away, axis, strict=True)]
+
+
+def curved_wrench(
+    away: Sequence[Entry],
+    along: Sequence[Entry],
+    scale: Entry,
+    axis: Sequence[Entry],
+    radius: Entry,
+    weights: Sequence[Entry],
+) -> list[Entry]:
+    """Wrench (6,) of a ball on a sphere or cylinder, about the centre of the ball.
+
+    The gradient of the level at this centre has the direction of the normal n at the contact, which is at ``-radius n``
+    from the centre. So no equation has to be solved, other than for bodies of any form.
+
+    Args:
+        away: vector from a point of the axis of the ground to the centre of the ball (3,).
+        along: direction (3,) whose projection on the surface is the first axis of the contact.
+        scale: one over the radius of the ground, negative inside.
+        axis: axis of a cylinder (3,); zero for a sphere.
+        radius: radius of the ball.
+        weights: weights (4,) of the forces along both axes and the normal, and of the torque about the normal.
+    """
+    # Both levels are quadratic forms, so that their gradients at the centre and at the contact are parallel.
+    gradient = curved_gradient(away, scale, axis)
+    length = dot(gradient, gradient) ** 0.5
+    normal = [each / length for each in gradient]
+    leaning = dot(normal, along)
+    across = [a - leaning * n for a, n in zip(along, normal, strict=True)]
+    length = dot(across, across) ** 0.5
+    first = [each / length for each in across]
+    second = cross(normal, first)
+    forces = zip(first, second, normal, strict=True)
+    force = [weights[0] * a + weights[1] * b + weights[2] * n for a, b, n in forces]
+    arm = [-radius * n for n in normal]
+    return [*force, *(m + weights[3] * n for m, n in zip(cross(arm, force), normal, strict=True))]
+
+
+class BodyContactRows(WrenchRows):
+    """Rows of a body at its contact with the ground: two rolling rows, a vertical row, and one about the normal."""
+
+    on_ground = True
+
+    def name_rows(self, frame: str, center: np.ndarray, pivots: bool) -> None:
+        """Name the rows of a contact below a point of a frame; without pivoting there are four.
+
+        Args:
+            frame: name of the body's frame.
+            center: point of the frame (3,), in its own axes [m].
+            pivots: True if the body may turn about the normal.
+        """
+        parts = ("rolling_x", "rolling_y", "vertical", "pivoting")[: 3 if pivots else 4]
+        self.names = tuple(f"{part}({point_name(frame, center)})" for part in parts)
+        self.units = ("m/s",) * 3 + ("rad/s",) * (len(parts) - 3)
+        self.holonomic = tuple(part == "vertical" for part in parts)
+
+    @abstractmethod
+    def contact_axes(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
+        """Contact point (..., 3) in the world, and the axes there as rows (..., 3, 3).
+
+        Args:
+            at: kinematics of the configurations.
+        """
+
+    def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
+        contact, axes = self.contact_axes(at)
+        # Pivoting is a torque: it has no line of action.
+        points = np.full((*contact.shape[:-1], len(self.names), 3), np.nan)
+        directions = points.copy()
+        points[..., :3, :], directions[..., :3, :] = contact[..., None, :], axes
+        return points, directions
+
+
+class SurfaceContactRows(BodyContactRows):
+    """Rows ``axes (v + w x arm) = axes u`` and, without pivoting, ``n . w = n . W``, with axes that follow the surface.
+
+    The point g of the surface, with the normal n, and the body's point with the outward normal -n are a distance d
+    apart along n: ``origin + arm(-n) = g + d n``. Newton's method solves this for g and d. Its derivative gives their
+    rates. Body and ground touch at one point if the body is curved more than the ground.
+
+    Args:
+        frame: name of the body's frame.
+        shape: the body's surface.
+        placement: placement of the shape on the frame.
+        pivots: True if the body may turn about the normal.
+        ground: the surface, whose material moves as a rigid body with the velocity u and the angular velocity W.
+        robot: the robot.
+    """
+
+    def __init__(
+        self, frame: str, shape: BodyShape, placement: pin.SE3, pivots: bool, ground: CurvedGround, robot: Robot
+    ) -> None:
+        self._shape, self.frame = shape, robot.frame_id(frame)
+        self._center, self._turned = placement.translation, placement.rotation
+        self.ground = self._surface = ground
+        if ground.moves:
+            velocity = np.asarray(ground.material_velocity(np.zeros(3)), dtype=float)
+            self.affine, self.twist = True, np.concatenate([velocity, np.asarray(ground.angular_velocity, dtype=float)])
+        self.name_rows(frame, self._center, pivots)
+        # The Jacobian and the bias acceleration of a thread share the contact; its wrenches and their rates the other.
+        self._seen: dict[int, tuple[np.ndarray, SurfaceContact]] = {}
+        self._near: dict[int, tuple[Placement, SurfaceContact]] = {}
+
+    # ------------------------------------------------------------------ contact point; formulas take complex numbers
+
+    def _at(self, rotation: np.ndarray, point: np.ndarray, gap: np.ndarray) -> SurfaceContact:
+        """Both surfaces where the ground has the normal of one of its points."""
+        gradient = self._surface.gradient(point)
+        length = _dot(gradient, gradient) ** 0.5
+        normal = gradient / length
+        bent = self._surface.hessian(point) / length[..., None]
+        turning = bent - normal[..., :, None] * (normal[..., None, :] @ bent)
+        axes = rotation @ self._turned
+        outward = -apply(axes.mT, normal)
+        arm = apply(rotation, self._center) + apply(axes, self._shape.point(outward))
+        each = np.broadcast_to(outward[..., None, :], (*outward.shape[:-1], 3, 3))
+        columns = self._shape.point_rate(each, axes)  # along the world's x, y and z
+        return SurfaceContact(point, gap, normal, turning, arm, axes @ columns.mT, self._direction(normal))
+
+    def _stepped(self, origin: np.ndarray, found: SurfaceContact) -> tuple[np.ndarray, np.ndarray]:
+        """Newton step (..., 3) and (...) of point and gap."""
+        apart = origin + found.arm - found.point - found.gap[..., None] * found.normal
+        # Two right sides, one factorisation: the step for a fixed gap, and its change for a wider one.
+        solved = _solve(found.relative, np.stack([apart, found.normal], axis=-1))
+        gradient = self._surface.gradient(found.point)
+        to_gap = self._surface.level(found.point) + _product(gradient, solved[..., 0])
+        wider = to_gap / _product(gradient, solved[..., 1])
+        return solved[..., 0] - wider[..., None] * solved[..., 1], wider
+
+    def _solved(self, at: PositionKinematics) -> SurfaceContact:
+        """Contact at configurations; raises an error if it is not one point."""
+        rotation, origin = at.placement(self.frame)
+        most_steps, accurate = 60, 1e-12  # Newton steps, and the last one relative to the size of the contact
+        flat = 1e-6  # smallest relative curvature of body and ground
+        with np.errstate(all="ignore"):
+            # The nearest point to the centre is the solution for a ball, and near it for other bodies.
+            point = self._surface.below(origin + apply(rotation, self._center))
+            found = self._at(rotation, point, np.zeros(point.shape[:-1]))
+            gap = _product(origin + found.arm - point, found.normal)
+            found = found._replace(gap=gap)
+            size = np.linalg.norm(found.arm, axis=-1) + np.linalg.norm(point, axis=-1)
+            for _ in range(most_steps):
+                moved, wider = self._stepped(origin, found)
+                found = self._at(rotation, found.point + moved, found.gap + wider)
+                last = np.linalg.norm(moved, axis=-1) + np.abs(wider)
+                if not (last > accurate * size).any():
+                    break
+            # A state that is not finite passes here: other checks name it.
+            known = np.where(np.isnan(at.q).any(axis=-1), np.nan, (last <= 1e3 * accurate * size).astype(float))
+            check_defined("the contact of a body with curved ground is not found", at.q, known, flat, self.names)
+            regularity = self._shape.regularity(-apply((rotation @ self._turned).mT, found.normal))
+            # A body may be flat, or curved no more than the ground below it: both touch at more than one point.
+            separate = np.minimum(regularity, _smaller_eigenvalue(found.relative))
+        check_defined("a body touches curved ground at more than one point", at.q, separate, flat, self.names)
+        return found
+
+    def _contact(self, at: PositionKinematics) -> SurfaceContact:
+        seen = self._seen.get(get_ident())
+        # Identity of the array means the same state: arrays of a state are not written to.
+        if seen is None or seen[0] is not at.q:
+            seen = self._seen[get_ident()] = at.q, self._solved(at)
+        return seen[1]
+
+    def _rates(self, found: SurfaceContact, v: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rates (..., 3) of the arm and of the normal, for velocities of the frame (..., 3)."""
+        turned = apply(found.spread, vector_product(w, found.normal))
+        moved = v + vector_product(w, found.arm)
+        along = moved + turned - _dot(found.normal, moved) * found.normal
+        normal = apply(found.turning, _solve(found.relative, along[..., None])[..., 0])
+        return vector_product(w, found.arm) + turned - apply(found.spread, normal), normal
+
+    def _axes(self, found: SurfaceContact) -> np.ndarray:
+        """Two directions along the surface and its normal, as rows (..., 3, 3)."""
+        direction, normal = found.along, found.normal
+        along = direction - normal * _dot(normal, direction)
+        first = along / _dot(along, along) ** 0.5
+        return np.stack([first, vector_product(normal, first), normal], axis=-2)
+
+    def _axes_rate(self, found: SurfaceContact, rate: np.ndarray) -> np.ndarray:
+        """Rate of the axes (..., 3, 3) for a rate of the normal (..., 3)."""
+        direction, normal = found.along, found.normal
+        along = direction - normal * _dot(normal, direction)
+        length = _dot(along, along) ** 0.5
+        first = along / length
+        turned = -rate * _dot(normal, direction) - normal * _dot(rate, direction)
+        turned = (turned - first * _dot(first, turned)) / length
+        return np.stack([turned, vector_product(rate, first) + vector_product(normal, turned), rate], axis=-2)
+
+    def _direction(self, normal: np.ndarray) -> np.ndarray:
+        """Direction (..., 3) that is projected on the surface: a constant one, or another where that has no length."""
+        along = self._surface.along
+        other = _EYE[int(np.argmin(np.abs(along)))]
+        leaning = 0.9  # cosine of 26 degrees: nearer to the direction, its projection on the surface gets short
+        return np.where(np.abs(_dot(normal, along)) > leaning, other, along)
+
+    # ------------------------------------------------------------------ rows
+
+    def check_defined(self, at: PositionKinematics) -> None:
+        """Raise a ``SingularityError`` if body and ground do not touch at one point.
+
+        Args:
+            at: kinematics of the configurations.
+        """
+        self._contact(at)
+
+    def _found(self, place: Placement) -> SurfaceContact:
+        """Contact at the placements for which it was checked. One Newton step from there gives its derivatives."""
+        found = self._seen[get_ident()][1]
+        # Newton's method converges quadratically: one step with complex numbers gives exact first derivatives.
+        if not np.iscomplexobj(place.rotation):
+            return found
+        near = self._near.get(get_ident())
+        if near is not None and near[0] is place:
+            return near[1]
+        origin = place.translation
+        point, gap = np.broadcast_to(found.point, origin.shape), np.broadcast_to(found.gap, origin.shape[:-1])
+        moved, wider = self._stepped(origin, self._at(place.rotation, point.astype(complex), gap))
+        near = self._near[get_ident()] = place, self._at(place.rotation, found.point + moved, found.gap + wider)
+        return near[1]
+
+    def wrench(self, place: Placement) -> np.ndarray:
+        found = self._found(place)
+        return contact_wrenches(self._axes(found), found.arm, len(self.names))
+
+    def wrench_rate(self, place: Placement, velocity: np.ndarray) -> np.ndarray:
+        found, v, w = self._found(place), velocity[..., :3], velocity[..., 3:]
+        arm_rate, normal_rate = self._rates(found, v, w)
+        axes, axes_rate = self._axes(found), self._axes_rate(found, normal_rate)
+        return contact_wrench_rates(axes, axes_rate, found.arm, arm_rate, len(self.names))
+
+    def residual(self, at: PositionKinematics) -> np.ndarray:
+        return np.asarray(self._contact(at).gap[..., None] * self.holonomic)
+
+    # ------------------------------------------------------------------ descriptions
+
+    def contact_axes(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
+        found = self._contact(at)
+        return at.placement(self.frame).translation + found.arm, self._axes(found)
+
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
+        """Rows of the kernel for a ball on a sphere or cylinder; None for other shapes and grounds.
+
+        Args:
+            model: model of the robot.
+        """
+        shape, ground = self._shape, self._surface
+        if type(shape) is not Sphere:  # a subclass may have methods of its own
+            return None
+        if type(ground) is SphericalGround:
+            axis, point = np.zeros(3), ground.center
+        elif type(ground) is CylindricalGround:
+            axis, point = ground.along, ground.point
+        else:
+            return None
+        scale = (-1.0 if ground.inside else 1.0) / ground.radius
+        quadric = [*map(float, point), scale, *axis.tolist(), float(shape.radius)]
+        numbers = [[*quadric, *weights] for weights in np.eye(4)[: len(self.names)].tolist()]
+        return wrench_rows(Form.CURVED, attached(model, self.frame, pin.SE3(_EYE, self._center)), numbers, self.twist)
+
+
+def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Scalar product (...) without conjugation."""
+    return np.asarray((a * b).sum(axis=-1))
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Scalar product (..., 1), a factor of vectors."""
+    return _product(a, b)[..., None]
+
+
+def _solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solution (..., 3, k); NaN if a matrix is exactly singular."""
+    try:
+        return np.asarray(np.linalg.solve(matrix, right))
+    except np.linalg.LinAlgError:
+        return np.full(np.broadcast_shapes(matrix.shape[:-1], right.shape[:-1]) + right.shape[-1:], np.nan)
+
+
+def _smaller_eigenvalue(matrix: np.ndarray) -> np.ndarray:
+    """Smaller eigenvalue (...) besides the one along the normal, which is one."""
+    # The normal is an eigenvector with eigenvalue one, so trace and determinant leave a quadratic equation.
+    total, product = np.trace(matrix, axis1=-2, axis2=-1) - 1.0, np.linalg.det(matrix)
+    return np.asarray((total - np.sqrt(np.maximum(total**2 - 4 * product, 0.0))) / 2)
+
+
+# ---------------------------------------------------------------------- bodies that roll
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin._kernel import Form, KernelRow, wrench_rows
 from rnc_pin.constraints.ground_plane import GroundPlane, RollingRows, WheelDisk, on_carrier, plane_below
 from rnc_pin.constraints.rolling_body import RollingBody
 from rnc_pin.constraints.surfaces import CurvedGround, Torus, admit_ground
@@ -15,7 +16,6 @@ from rnc_pin.errors import ConfigurationError, ConstraintError
 from rnc_pin.math.linear_algebra import Entry, cross
 from rnc_pin.model.frame_rows import ConstantWrenchRows, DirectionRows, OffsetFrame, frame_direction
 from rnc_pin.model.input_validation import Axis, NotNegative, Positive, Vector, is_number
-from rnc_pin.model.kernel_rows import Form, KernelRow, wrench_rows
 from rnc_pin.model.kinematics import OWN_AXES, Kinematics, PositionKinematics
 from rnc_pin.model.rows import Friction, GroundContact, Rows
 from rnc_pin.robots.robot import Robot

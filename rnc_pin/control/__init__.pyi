@@ -49,6 +49,7 @@ from .gain_design import Preset as Preset
 from .gain_design import VelocityGains as VelocityGains
 from .gain_design import design_position_gains as design_position_gains
 from .gain_design import design_velocity_gains as design_velocity_gains
+from .gain_design import gravity_loads as gravity_loads
 from .position_tracker import PositionState as PositionState
 from .position_tracker import PositionTracker as PositionTracker
 from .redundancy import Posture as Posture
@@ -62,7 +63,6 @@ from .slithering import DrivenPath as DrivenPath
 from .slithering import SlitheringReference as SlitheringReference
 from .steering import SteeringController as SteeringController
 from .twist_controller import TwistController as TwistController
-from .typical_inertia import gravity_loads as gravity_loads
 from .unicycle_stabilizer import UnicycleStabilizer as UnicycleStabilizer
 from .velocity_tracker import TrackerState as TrackerState
 from .velocity_tracker import VelocityTracker as VelocityTracker

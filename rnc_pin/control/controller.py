@@ -334,7 +334,8 @@ class MissedGoal(NamedTuple):
 class Nesting(Protocol):
     """Controller with another one as its ``target``, or the state of such a controller."""
 
-    target: Any
+    @property
+    def target(self) -> object: ...
 
 
 @runtime_checkable

@@ -8,12 +8,12 @@ from typing import Literal
 
 import numpy as np
 
+from rnc_pin._kernel import FORMS_OF_FORCES, Form, KernelForce, KernelRow, Value, attached
 from rnc_pin.errors import ConstraintError, InputError
 from rnc_pin.math.linear_algebra import apply, apply_transposed
 from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.model.generalized_forces import ForceGradient, PassiveForce, admit_coefficients
 from rnc_pin.model.input_validation import Numbers, Positive, Vector
-from rnc_pin.model.kernel_rows import FORMS_OF_FORCES, Form, KernelForce, KernelRow, Value, attached
 from rnc_pin.model.kinematics import OWN_AXES, WORLD_AXES, PositionKinematics, VelocityKinematics, over_states
 from rnc_pin.model.rows import ConstantRows, OutputKind, admit_rows
 from rnc_pin.model.user_functions import gradient_with_error, vector_gradient_with_error

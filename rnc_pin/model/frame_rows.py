@@ -14,6 +14,7 @@ from typing import TypeAlias, cast
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin._kernel import AttachedFrame, Form, KernelRow, attached, component_rows, wrench_rows
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.math.linear_algebra import (
     Component,
@@ -28,7 +29,6 @@ from rnc_pin.math.linear_algebra import (
     vector_product,
 )
 from rnc_pin.model.input_validation import Vector
-from rnc_pin.model.kernel_rows import AttachedFrame, Form, KernelRow, attached, component_rows, wrench_rows
 from rnc_pin.model.kinematics import OWN_AXES, WORLD_AXES, Placement, PositionKinematics, VelocityKinematics
 from rnc_pin.model.rows import Rows, check_defined
 from rnc_pin.robots.robot import Robot

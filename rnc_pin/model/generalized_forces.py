@@ -14,10 +14,10 @@ from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
+from rnc_pin._kernel import KernelForce, KernelRow
 from rnc_pin.errors import ConstraintError, InputError, ModelError
 from rnc_pin.model.frame_rows import axis_index
 from rnc_pin.model.input_validation import Axis, Positive
-from rnc_pin.model.kernel_rows import KernelForce, KernelRow
 from rnc_pin.model.kinematics import OWN_AXES, PositionKinematics, VelocityKinematics, over_states
 from rnc_pin.model.rows import admit_rows
 from rnc_pin.robots.joint_values import NO_LIMIT

@@ -11,8 +11,7 @@ import pinocchio as pin
 from numpy import ndarray as Array
 
 from rnc_pin import _kernel
-from rnc_pin.math.linear_algebra import Component
-from rnc_pin.model.kernel_rows import (
+from rnc_pin._kernel import (
     INTEGERS,
     NUMBERS,
     AttachedFrame,
@@ -23,6 +22,7 @@ from rnc_pin.model.kernel_rows import (
     attached,
     placement_numbers,
 )
+from rnc_pin.math.linear_algebra import Component
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.rows import OutputRows, OutputStack, Place, RowStack
 from rnc_pin.robots.robot import Robot

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 from numpy import ndarray as Array
 
+from rnc_pin._kernel import Form, KernelRow, Value, attached
 from rnc_pin.math.linear_algebra import (
     apply,
     apply_transposed,
@@ -18,7 +19,6 @@ from rnc_pin.math.linear_algebra import (
     vector_product,
 )
 from rnc_pin.model.cached_property import cached_property
-from rnc_pin.model.kernel_rows import Form, KernelRow, Value, attached
 from rnc_pin.model.kinematics import (
     ALL,
     WORLD_AXES,

@@ -13,11 +13,10 @@ import scipy
 from numpy import ndarray as Array
 
 from rnc_pin.math.linear_algebra import apply_transposed
-from rnc_pin.model.compiled_runs import Dissipation, RunStarts, runs_of
 from rnc_pin.model.integrators import ExponentialRungeKutta4, LieRungeKutta4, LinearPart, phi_functions
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.plants.constrained_dynamics import ConstrainedDynamics, check_conserved
+from rnc_pin.plants.constrained_dynamics import ConstrainedDynamics, Dissipation, RunStarts, check_conserved, runs_of
 
 _RANK = 1e-12  # relative singular value, or relative error of a time, that is rounding
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple, Never, Protocol, runtime_checkable
 
 import numpy as np
 from numpy import ndarray as Array
@@ -14,7 +14,7 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants.step_control import IntegrationErrors
 
-_NONE: Mapping[str, Any] = MappingProxyType({})
+_NONE: Mapping[str, Never] = MappingProxyType({})
 
 
 @dataclass(frozen=True)

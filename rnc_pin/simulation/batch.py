@@ -21,12 +21,11 @@ from rnc_pin.control.velocity_tracker import VelocityTracker
 from rnc_pin.errors import InputError, RncError
 from rnc_pin.interruption import interruptible, uninterrupted
 from rnc_pin.math.linear_algebra import apply
-from rnc_pin.model.compiled_runs import RunStarts, runs_of
 from rnc_pin.model.evaluator import Evaluator
 from rnc_pin.model.input_validation import numbers_of
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import ReducedPlant
-from rnc_pin.plants.constrained_dynamics import MAX_GROWTH
+from rnc_pin.plants.constrained_dynamics import MAX_GROWTH, RunStarts, runs_of
 from rnc_pin.plants.reduced_plant import Checkpoint
 from rnc_pin.plants.step_control import IntegrationErrors
 from rnc_pin.simulation.run_info import Outcome

@@ -19,7 +19,7 @@ from rnc_pin import control
 from rnc_pin.analysis import Grip, LiftOff, NormalForces, first_lift_off
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command
-from rnc_pin.control.typical_inertia import AWAY_FROM_SINGULAR, gravity_loads
+from rnc_pin.control.gain_design import AWAY_FROM_SINGULAR, gravity_loads
 from rnc_pin.errors import ConstraintError, DivergenceError, InputError, SimulationError, SingularityError, few
 from rnc_pin.math.linear_algebra import weakest_rows
 from rnc_pin.model.cached_property import cached_property

@@ -5,11 +5,11 @@ The keys of the JSON form are fixed, because other programs read the files too. 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from enum import StrEnum
 from functools import cache
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar, cast
+from typing import TYPE_CHECKING, Annotated, TypeVar, cast
 
 from rnc_pin.control.loop.loop_state import LateTicks
 from rnc_pin.errors import ConfigurationError, printable
@@ -18,7 +18,7 @@ from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.printing import printed
 from rnc_pin.verdict import Finding, Verdict
 
-_Record = TypeVar("_Record")
+_Record = TypeVar("_Record", bound="DataclassInstance")
 _Schema = dict[str, object]
 FORCE_UNITS = {"m/s": "N", "rad/s": "N m", "kg m/s": "m/s^2", "N m s": "rad/s^2"}
 """Unit of the multiplier of a row by the unit of its rate, or of its momentum."""
@@ -32,6 +32,9 @@ class _Strict:
 
 
 if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+    from pydantic import TypeAdapter
+
     Content = Mapping[str, Json]
 else:
     Content = Mapping  # pydantic resolves no recursive alias
@@ -408,16 +411,16 @@ def provenance_of(meta: Provenance | Mapping[str, Json] | None) -> Provenance:
     return Provenance.from_json(to_json_mapping(meta, "meta"))
 
 
-def _names(record: Any) -> list[str]:
+def _names(record: DataclassInstance | type[DataclassInstance]) -> list[str]:
     return [each.name for each in fields(record)]
 
 
 @cache
-def _adapter(kind: Hashable) -> Any:
+def _adapter(kind: type) -> TypeAdapter[object]:
     """Reader of a kind of record; making it takes longer than a short run."""
     from pydantic import TypeAdapter
 
-    return TypeAdapter(cast(type, kind))
+    return TypeAdapter(kind)
 
 
 def _read(kind: type[_Record], content: Mapping[str, object]) -> _Record:
@@ -430,8 +433,7 @@ def _read(kind: type[_Record], content: Mapping[str, object]) -> _Record:
 
     found = {name: content[name] for name in _names(kind) if content.get(name) is not None}
     try:
-        record: _Record = _adapter(cast(Hashable, kind)).validate_python(found)
-        return record
+        return cast(_Record, _adapter(kind).validate_python(found))
     except ValidationError as error:
         wrong = error.errors(include_url=False)[0]
     key = "".join(f"[{each}]" if isinstance(each, int) else f".{each}" for each in wrong["loc"]).removeprefix(".")

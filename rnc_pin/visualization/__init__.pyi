@@ -5,7 +5,7 @@ from .drawn_state import DrawnModel as DrawnModel
 from .drawn_state import DrawnState as DrawnState
 from .drawn_state import View as View
 from .drawn_state import recorded_states as recorded_states
-from .live import LiveView as LiveView
+from .loop_view import LiveView as LiveView
 from .loop_view import LoopView as LoopView
 from .loop_view import show as show
 from .plots import plot_limits as plot_limits

@@ -11,8 +11,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Literal
 
-from rnc_pin.errors import ConfigurationError, InputError
-from rnc_pin.extras import missing_extra
+from rnc_pin.errors import ConfigurationError, InputError, missing_extra
 from rnc_pin.io.json import atomic_file
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import ObjectSummary, SummaryMixin, items, significant

@@ -18,9 +18,8 @@ from rnc_pin.simulation import PlannedPath, RunInfo, Trajectory
 from rnc_pin.visualization import elements as e
 from rnc_pin.visualization import meshcat_scene
 from rnc_pin.visualization.drawn_state import DrawnModel, DrawnState, View, tracked_frames
-from rnc_pin.visualization.elements import Overlay
+from rnc_pin.visualization.elements import Overlay, SceneKinematics
 from rnc_pin.visualization.scene_bodies import MeshcatRobot, corners_over_time, ground_elements, obstacle_elements
-from rnc_pin.visualization.scene_kinematics import SceneKinematics
 
 _TRAILS = (e.VERMILLION, e.BLUE, e.GREEN, e.PURPLE)
 

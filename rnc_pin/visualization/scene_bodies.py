@@ -30,9 +30,17 @@ from rnc_pin.robots.robot_files import is_below
 from rnc_pin.robots.sources.mesh_formats import convex_hull
 from rnc_pin.visualization.browser.page import BaseVisualizer, DaeMeshGeometry, MeshcatVisualizer, mg
 from rnc_pin.visualization.drawn_state import DrawnState, grounds_of
-from rnc_pin.visualization.elements import GREEN, GREY, Element, LayerEntry, PlacedShapes, drawn_scale
+from rnc_pin.visualization.elements import (
+    GREEN,
+    GREY,
+    Element,
+    LayerEntry,
+    PlacedShapes,
+    SceneKinematics,
+    box_corners,
+    drawn_scale,
+)
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
-from rnc_pin.visualization.scene_kinematics import SceneKinematics, box_corners
 
 
 def check_drawable(robot: Robot) -> None:

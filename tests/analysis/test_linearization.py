@@ -31,7 +31,7 @@ def test_python_control_has_the_names_and_the_poles_of_the_model(monkeypatch):
     assert other.state_labels == other.output_labels == list(found.state_names)  # which differ
     assert (other.input_labels, found.input_names) == (["force(base_x)"], ("force(base.x)",))
     np.testing.assert_allclose(np.sort_complex(other.poles()), found.eigenvalues, atol=1e-9)
-    monkeypatch.setattr("rnc_pin.extras.find_spec", lambda name: None)
+    monkeypatch.setattr("rnc_pin.errors.find_spec", lambda name: None)
     with pytest.raises(rnc.ConfigurationError, match=r"python-control is not installed: pip install '\.\[control\]'"):
         found.to_control()
 

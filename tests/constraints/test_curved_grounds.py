@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.constraints.surface_contact import _smaller_eigenvalue
+from rnc_pin.constraints.rolling_body import _smaller_eigenvalue
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.user_functions import gradient
 from rolling import rigid_body

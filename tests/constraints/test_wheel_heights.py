@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.applications.scenario.builder import build_reduced, start_of
+from rnc_pin.applications.scenario.builder import build_reduced, start_findings, start_of
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import find_scenario, read_yaml
-from rnc_pin.applications.scenario.plant_builder import start_findings
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.scenario.schema.scenario import validate
-from rnc_pin.constraints.wheel_heights import wheel_height_findings
+from rnc_pin.constraints.wheeled_base import wheel_height_findings
 from rnc_pin.verdict import FindingKind, Severity
 from zoo import MECANUM, WHEELS, load
 

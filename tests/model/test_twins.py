@@ -15,12 +15,12 @@ from kernel_calls import CALLS, LIMITS, TASKS, Taken, rows_of
 from kinds import ILL_SCALED, KINDS, ROBOTS, driven_arm
 from random_systems import recipes, reduced_of
 from rnc_pin import _kernel
+from rnc_pin._kernel import Form, Value
 from rnc_pin.analysis.derivatives import _at_one_state as at_one_state
 from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.control import limits, tasks
 from rnc_pin.model.evaluator import state_rates
 from rnc_pin.model.integrators import LieRungeKutta4
-from rnc_pin.model.kernel_rows import Form, Value
 from systems import mobile_manipulator, random_states, rolling_bodies, sprung_arm, tiago, tumbling_panda
 
 pytestmark = needs_library

@@ -10,8 +10,8 @@ from scipy.optimize import lsq_linear
 
 import rnc_pin as rnc
 from bodies import add_body
-from rnc_pin.model.compiled_runs import RunStarts, runs_of
 from rnc_pin.plants import ReducedPlant
+from rnc_pin.plants.constrained_dynamics import RunStarts, runs_of
 from rnc_pin.plants.friction import INSTANT, _least_energy
 from simple_controllers import Inputs
 from systems import floating_robot, mobile_manipulator

@@ -15,7 +15,7 @@ from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.visualization.browser.scene_server import SceneWindow
 from rnc_pin.visualization.drawn_state import View
-from rnc_pin.visualization.live import LiveView
+from rnc_pin.visualization.loop_view import LiveView
 from rnc_pin.visualization.recording import Recording
 
 SINGLE_PRECISION = 1e-5  # [m]; what WebGL computes in, over a few metres

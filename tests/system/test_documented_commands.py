@@ -209,7 +209,7 @@ def without_waiting(patch):
     from rnc_pin.applications.scenario.pictures import Drawn
 
     patch.setattr("rnc_pin.applications.command_line.report.draw_pictures", lambda *_: Drawn())
-    patch.setattr("rnc_pin.visualization.live.LiveView.wait_for_browser", lambda *_: False)
+    patch.setattr("rnc_pin.visualization.loop_view.LiveView.wait_for_browser", lambda *_: False)
     patch.setattr(scenario_candidate, "_PATIENCE", 0.0)
 
 

@@ -22,7 +22,7 @@ from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.visualization.drawn_state import DrawnState, View
 from rnc_pin.visualization.elements import drawn_scale
-from rnc_pin.visualization.live import LiveView
+from rnc_pin.visualization.loop_view import LiveView
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
 from rnc_pin.visualization.recording import Recording
 from rnc_pin.visualization.scene_bodies import drawn_triangles

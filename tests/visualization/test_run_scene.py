@@ -17,11 +17,10 @@ from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.simulation import Columns, OutputNames
 from rnc_pin.visualization.browser.scene_server import SceneWindow
 from rnc_pin.visualization.drawn_state import DrawnModel, DrawnState, View, recorded_states
-from rnc_pin.visualization.elements import Overlay
+from rnc_pin.visualization.elements import Overlay, SceneKinematics
 from rnc_pin.visualization.meshcat_scene import Keyframes, MeshcatScene
 from rnc_pin.visualization.recording import Recording
 from rnc_pin.visualization.run_scene import RunScene, ShownRun
-from rnc_pin.visualization.scene_kinematics import SceneKinematics
 
 
 @pytest.fixture(scope="module")

@@ -6,9 +6,9 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.visualization import scene_bodies
 from rnc_pin.visualization.drawn_state import DrawnModel, DrawnState, View, grounds_of
+from rnc_pin.visualization.elements import SceneKinematics
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
 from rnc_pin.visualization.scene_bodies import GROUND, ground_patch, is_drawn
-from rnc_pin.visualization.scene_kinematics import SceneKinematics
 
 GROUNDS = {
     "plane": rnc.GroundPlane(normal=(0.2, -0.3, 1.0), point=(0.1, 0.2, 0.3)),

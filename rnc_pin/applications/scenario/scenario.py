@@ -13,11 +13,17 @@ from typing import NamedTuple
 import numpy as np
 import yaml
 
-from rnc_pin.applications.scenario.builder import Experiment, build_experiment, build_reduced, build_task, start_of
+from rnc_pin.applications.scenario.builder import (
+    Experiment,
+    build_experiment,
+    build_reduced,
+    build_task,
+    collected_model_warnings,
+    start_of,
+)
 from rnc_pin.applications.scenario.controllers import without_foreign_gains
 from rnc_pin.applications.scenario.files import find_scenario, is_built_in, read_yaml, with_options
 from rnc_pin.applications.scenario.plan_builder import Plans
-from rnc_pin.applications.scenario.plant_builder import collected_model_warnings
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.scenario import validate
 from rnc_pin.applications.scenario.schema.world import absolute_files, build_obstacles

@@ -20,7 +20,15 @@ import cloudpickle
 from joblib import Parallel, cpu_count, delayed, parallel_config
 
 from rnc_pin._kernel import kernel
-from rnc_pin.applications.sweep.results import SweepResults, write_reports
+from rnc_pin.applications.sweep.results import (
+    SweepResults,
+    append_row,
+    describe_function,
+    describe_scenario,
+    read_rows,
+    sweep_folder,
+    write_reports,
+)
 from rnc_pin.applications.sweep.runs import (
     Build,
     Draw,
@@ -35,15 +43,7 @@ from rnc_pin.applications.sweep.runs import (
     drawn_values,
     draws_of,
 )
-from rnc_pin.applications.sweep.sweep_folder import (
-    append_row,
-    describe_function,
-    describe_scenario,
-    read_rows,
-    sweep_folder,
-)
-from rnc_pin.errors import ConfigurationError, InputError, SimulationError
-from rnc_pin.extras import check_extra
+from rnc_pin.errors import ConfigurationError, InputError, SimulationError, check_extra
 from rnc_pin.interruption import interruptible, uninterrupted
 from rnc_pin.io import Json, to_json_mapping
 from rnc_pin.version import __version__

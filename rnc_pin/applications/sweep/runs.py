@@ -255,7 +255,7 @@ def _judged(trajectory: Trajectory, summary: Summary) -> Row:
     return results_of(summary)
 
 
-Build: TypeAlias = Callable[[dict[str, Any]], "Mapping[str, object] | Trajectory"]
+Build: TypeAlias = Callable[[Row], "Mapping[str, object] | Trajectory"]
 """Function of drawn values that returns the arguments of ``simulate`` by name, or a finished run."""
 
 

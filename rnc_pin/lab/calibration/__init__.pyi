@@ -3,11 +3,11 @@
 from .base_parameters import BaseParameters as BaseParameters
 from .base_parameters import base_parameters as base_parameters
 from .calibration import Calibration as Calibration
+from .calibration import Comparison as Comparison
 from .calibration import PathError as PathError
+from .calibration import Replay as Replay
 from .calibration import calibrate as calibrate
-from .comparison import Comparison as Comparison
-from .comparison import Replay as Replay
-from .comparison import compare as compare
+from .calibration import compare as compare
 from .unknowns import EncoderOffset as EncoderOffset
 from .unknowns import EncoderScale as EncoderScale
 from .unknowns import JointShift as JointShift

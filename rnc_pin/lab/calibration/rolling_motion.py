@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, InfeasibleError, argument, few, nearest
 from rnc_pin.lab.calibration import unknowns
-from rnc_pin.lab.calibration.row_geometry import RowGeometry, Virtual
+from rnc_pin.lab.calibration.unknowns import RowGeometry, Virtual
 from rnc_pin.lab.calibration.window_fit import Poses, RolledPath, rotated, sideways
 from rnc_pin.lab.logs.channel import Channel
 from rnc_pin.lab.logs.log import Log

@@ -1,17 +1,341 @@
-"""Kinds of unknown parameters: of wheels, joints, encoders, sensors and clocks."""
+"""Kinds of unknown parameters: of wheels, joints, encoders, sensors and clocks.
+
+Constraint rows are functions of measured joints and of unknown parameters, with exact derivatives. An unknown place of
+a joint is a further joint that stands still: a prismatic joint in front of the joint's rotation. So its effect on any
+row is ``jacobian_dot`` for a unit rate of that joint, which each kind of row has in closed form. Rows on level ground
+are affine in the radius of a wheel.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import ClassVar, Literal, NamedTuple, TypeAlias
+from copy import copy
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias
 
 import numpy as np
+import pinocchio as pin
+from numpy.polynomial import chebyshev
 
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.lab.calibration.row_geometry import Virtual
 from rnc_pin.lab.logs.channel import Correction
+from rnc_pin.model.kinematics import Kinematics, PositionKinematics
+from rnc_pin.model.rows import Rows
 from rnc_pin.model.system import NonholonomicSystem
+from rnc_pin.robots.joint_values import NamedModel, SingleJoint
+from rnc_pin.robots.robot import Robot
+
+_NODES = 40  # of an interpolation over one angle
+_AT_NODES = chebyshev.chebpts1(_NODES)
+_TO_COEFFICIENTS = np.linalg.inv(chebyshev.chebvander(_AT_NODES, _NODES - 1))
+"""Chebyshev coefficients from values at the nodes.
+
+Rows are analytic in the angle of a joint. They have poles only where a wheel lies flat, far from real angles, so that
+the error over a turn is rounding.
+"""
+
+
+class Virtual(NamedTuple):
+    """Unit shift of a joint's placement along an axis of the carrying body."""
+
+    joint: str
+    axis: str
+
+
+def extended_robot(robot: Robot, virtual: Sequence[Virtual]) -> Robot:
+    """Robot with a further joint, named by its number, for each displacement.
+
+    Args:
+        robot: the robot.
+        virtual: displacements of its joints.
+    """
+    old, new = robot.model, pin.Model()
+    new.name, new.gravity = old.name, old.gravity
+    at = {0: 0}
+    for index in range(1, old.njoints):
+        name, place = old.names[index], old.jointPlacements[index]
+        # The rotation of the placement comes last: displacements are along axes of the carrying body.
+        parent, here = at[old.parents[index]], pin.SE3(np.eye(3), place.translation)
+        for number, each in enumerate(virtual):
+            if each.joint == name:
+                slide = pin.JointModelPrismaticUnaligned(np.eye(3)["xyz".index(each.axis)])
+                parent, here = new.addJoint(parent, slide, here, f"virtual {number}"), pin.SE3.Identity()
+        here = here * pin.SE3(place.rotation, np.zeros(3))
+        at[index] = new.addJoint(parent, old.joints[index], here, name)
+        new.appendBodyToJoint(at[index], old.inertias[index], pin.SE3.Identity())
+    for frame in list(old.frames)[1:]:
+        new.addFrame(pin.Frame(frame.name, at[frame.parentJoint], 0, frame.placement, frame.type), False)
+    found = copy(robot)
+    NamedModel.__init__(found, new)
+    return found
+
+
+@dataclass(eq=False)
+class _Block:
+    """Rows of one constraint."""
+
+    kind: Any
+    """Description that is bound again for each radius; None for rows with a constant matrix."""
+    rows: Rows
+    kept: list[int]
+    """Rows in use."""
+    shape: list[int] = field(default_factory=list)
+    """Entries of v whose positions the rows depend on."""
+    acting: set[int] = field(default_factory=set)
+    """Entries of v in the rows."""
+
+
+class RowGeometry:
+    """Rows ``A(theta, p) v = 0`` of a robot on level ground, over positions of its joints and parameters.
+
+    Args:
+        robot: the robot, on a planar base.
+        blocks: its bound rows.
+        virtual: displacements of joints that are parameters.
+        radii: wheels whose radius is a parameter.
+
+    Attributes:
+        names: names of the rows in use.
+        columns: name of each single joint to its column in the rows.
+        base: columns of the base.
+
+    Raises:
+        ConfigurationError: rows depend on the place of the robot, move, or a wheel has no radius.
+    """
+
+    def __init__(self, robot: Robot, blocks: Sequence[Rows], virtual: Sequence[Virtual], radii: Sequence[str]) -> None:
+        self._robot = extended_robot(robot, virtual)
+        model = self._robot.model
+        self._kinematics = Kinematics(self._robot)
+        joints = list(zip(model.names, model.joints, strict=True))[1:]
+        single = {name: joint for name, joint in joints if joint.nv == 1}
+        self.columns = {name: joint.idx_v for name, joint in single.items()}
+        self._single = {joint.idx_v: SingleJoint.of(joint) for joint in single.values()}
+        self._virtual = {each: self.columns[f"virtual {k}"] for k, each in enumerate(virtual)}
+        self.base = list(range(model.joints[1].idx_v, model.joints[1].idx_v + 3))
+        self._blocks = [self._bound(robot, block) for block in blocks]
+        for block in self._blocks:
+            self._check(block)
+        self._radii = {each: [b for b in self._blocks if getattr(b.kind, "frame", None) == each] for each in radii}
+        for wheel, found in self._radii.items():
+            if not found or not all(hasattr(block.kind, "radius") for block in found):
+                raise ConfigurationError(f"radius of {wheel}: no wheel or ball rolls there")
+
+    def _bound(self, robot: Robot, block: Rows) -> _Block:
+        kept = [k for k in range(len(block.names)) if not (block.on_ground and block.holonomic and block.holonomic[k])]
+        if block.kind is not None:
+            return _Block(block.kind, block.kind.bind(self._robot), kept)
+        matrix = getattr(block, "matrix", None)
+        if matrix is None:
+            raise ConfigurationError(f"rows {', '.join(block.names)} cannot be calibrated: they have no description")
+        wide = np.zeros((len(matrix), self._robot.nv))
+        for index, name in enumerate(robot.joint_names, start=1):
+            joint, other = robot.model.joints[index], self._robot.model.joints[self._robot.model.getJointId(name)]
+            wide[:, other.idx_v : other.idx_v + other.nv] = matrix[:, joint.idx_v : joint.idx_v + joint.nv]
+        rows = copy(block)
+        rows.matrix = wide  # type: ignore[attr-defined]
+        return _Block(None, rows, kept)
+
+    def _check(self, block: _Block) -> None:
+        """Find the joints that a block depends on; refuse rows that depend on the place of the base."""
+        if block.rows.affine or block.rows.rheonomic:
+            raise ConfigurationError(f"rows {', '.join(block.rows.names)}: calibration assumes ground at rest")
+        generator = np.random.default_rng(0)
+        samples = 4  # random shapes: an entry that depends on a joint does so at almost all
+        positions = generator.uniform(-0.5, 0.5, size=(samples, self._robot.nv))
+        # Displacements are lengths: as large as angles, they would take wheels far from their places.
+        positions[:, list(self._virtual.values())] *= 1e-2
+        place = self._kinematics.position(self._configurations(positions))
+        silent = 1e-9  # entries of a derivative below which a row does not depend on a joint
+        block.acting = set(np.abs(block.rows.jacobian(place)).max(axis=(0, 1)).nonzero()[0].tolist())
+        for column in range(self._robot.nv):
+            slope = self._slope(block, place, np.eye(self._robot.nv)[column])
+            if column in self.base:
+                # The base's velocity is in its own axes: on level ground, rows do not depend on its place.
+                if np.abs(slope).max(initial=0.0) > silent:
+                    raise ConfigurationError(
+                        f"rows {', '.join(block.rows.names)} depend on the place of the base: "
+                        "calibration assumes rolling on level ground"
+                    )
+            elif np.abs(slope).max(initial=0.0) > silent and column not in self._virtual.values():
+                block.shape.append(column)
+
+    def drop(self, unmeasured: Sequence[int]) -> tuple[str, ...]:
+        """Leave out rows that depend on positions of unmeasured joints, or act on nothing else; return their names.
+
+        Args:
+            unmeasured: columns of joints that the log does not have.
+        """
+        names: list[str] = []
+        for block in self._blocks:
+            if set(block.shape) & set(unmeasured) or block.acting <= set(unmeasured):
+                names += [block.rows.names[row] for row in block.kept]
+                block.kept = []
+        return tuple(names)
+
+    @property
+    def size(self) -> int:
+        """Number n of entries of v, displacements included."""
+        return int(self._robot.nv)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the rows in use."""
+        return tuple(block.rows.names[row] for block in self._blocks for row in block.kept)
+
+    @property
+    def shape(self) -> set[int]:
+        """Columns of joints whose positions the rows in use depend on."""
+        return {column for block in self._blocks if block.kept for column in block.shape}
+
+    def set_radii(self, radii: Mapping[str, float]) -> None:
+        """Let wheels have other radii.
+
+        Args:
+            radii: radius of each wheel [m], by frame.
+        """
+        for wheel, radius in radii.items():
+            for block in self._radii[wheel]:
+                if block.kind.radius != radius:
+                    block.kind = replace(block.kind, radius=radius)
+                    block.rows = block.kind.bind(self._robot)
+
+    def evaluate(
+        self, positions: Mapping[int, np.ndarray], shifts: Mapping[Virtual, float], columns: Sequence[int]
+    ) -> EvaluatedRows:
+        """Rows at positions (N,) of the joints that they depend on, by column, and at displacements of joints.
+
+        Args:
+            positions: the positions.
+            shifts: the displacements.
+            columns: columns of the rows to return.
+        """
+        parts = []
+        for block in self._blocks:
+            if not block.kept:
+                continue
+            samples = _Samples.over([positions[column] for column in block.shape])
+            states = np.zeros((len(samples.states), self._robot.nv))
+            states[:, block.shape] = samples.states
+            for virtual, value in shifts.items():
+                states[:, self._virtual[virtual]] = value
+            parts.append((block, samples, self._kinematics.position(self._configurations(states))))
+        return EvaluatedRows(self, parts, list(columns))
+
+    def along(self, block: _Block, place: PositionKinematics, direction: int | Virtual | str) -> np.ndarray | None:
+        """Derivative (S, k, n) of a block along a direction; None if it does not depend on it.
+
+        Args:
+            block: rows of one constraint.
+            place: kinematics at S states.
+            direction: column of a joint, displacement of a joint, or frame of a wheel, for its radius.
+        """
+        if isinstance(direction, str):
+            if block not in self._radii[direction]:
+                return None
+            # Rows are affine in the radius: the difference for one metre is the derivative, exactly.
+            larger = replace(block.kind, radius=block.kind.radius + 1.0).bind(self._robot)
+            return np.asarray(larger.jacobian(place) - block.rows.jacobian(place))
+        column = self._virtual[direction] if isinstance(direction, Virtual) else direction
+        if isinstance(direction, int) and column not in block.shape:
+            return None
+        return self._slope(block, place, np.eye(self._robot.nv)[column])
+
+    def _slope(self, block: _Block, place: PositionKinematics, direction: np.ndarray) -> np.ndarray:
+        rate = np.broadcast_to(direction, (len(place.q), self._robot.nv))
+        return block.rows.jacobian_dot(place.with_velocity(rate))
+
+    def _configurations(self, positions: np.ndarray) -> np.ndarray:
+        """Configurations (N, nq) of positions (N, n) of single joints, with the base at its origin."""
+        model = self._robot.model
+        q = np.tile(pin.neutral(model), (len(positions), 1))
+        for column, joint in self._single.items():
+            joint.put(q, positions[:, column])
+        return q
+
+
+class EvaluatedRows:
+    """Rows of a robot at samples, and their derivatives.
+
+    Args:
+        geometry: the rows.
+        parts: each block in use with its samples and the kinematics at their states.
+        columns: columns of the matrices.
+    """
+
+    def __init__(
+        self, geometry: RowGeometry, parts: Sequence[tuple[_Block, _Samples, PositionKinematics]], columns: list[int]
+    ) -> None:
+        self._geometry, self._parts, self._columns = geometry, parts, columns
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """Rows (N, k, c); (1, k, c) if they are constant."""
+        return self._joined([block.rows.jacobian(place) for block, _, place in self._parts])
+
+    def along(self, direction: int | Virtual | str) -> np.ndarray:
+        """Derivatives (N or 1, k, c) along a joint (column), a displacement or the radius of a wheel (frame).
+
+        Args:
+            direction: column of a joint [rad or m], displacement [m], or frame of a wheel, for its radius [m].
+        """
+        return self._joined([self._geometry.along(block, place, direction) for block, _, place in self._parts])
+
+    def _joined(self, tables: Sequence[np.ndarray | None]) -> np.ndarray:
+        found = []
+        for (block, samples, _), table in zip(self._parts, tables, strict=True):
+            if table is None:
+                found.append(np.zeros((1, len(block.kept), len(self._columns))))
+            else:
+                whole = np.broadcast_to(table, (len(samples.states), *table.shape[-2:]))
+                found.append(samples.values(whole[:, np.array(block.kept)[:, None], self._columns]))
+        size = max(map(len, found))
+        return np.concatenate([np.broadcast_to(each, (size, *each.shape[1:])) for each in found], axis=1)
+
+
+class _Samples(NamedTuple):
+    """States of the joints of a block at which it is evaluated, and the way from them to all samples."""
+
+    states: np.ndarray
+    """Joint positions (S, d)."""
+    angle: np.ndarray | None
+    """Angles (N,) relative to the range of the nodes, from -1 to 1; None without an interpolation."""
+    inverse: np.ndarray
+    """State of each sample (N,), or (1,) for all."""
+
+    @classmethod
+    def over(cls, shape: Sequence[np.ndarray]) -> _Samples:
+        """States for positions (N,) of joints: one without joints, nodes for one angle, else each once."""
+        if not shape:
+            return cls(np.zeros((1, 0)), None, np.zeros(1, dtype=int))
+        many = 4 * _NODES  # states above which an interpolation pays
+        widest = 2.0 * np.pi  # range of an interpolation [rad]; the coefficients that a turn needs fit into the nodes
+        if len(shape) == 1 and len(shape[0]) > many and np.ptp(shape[0]) <= widest:
+            low, high = shape[0].min(), shape[0].max()
+            middle, half = (low + high) / 2, max(high - low, 1e-3) / 2
+            return cls((middle + half * _AT_NODES)[:, None], (shape[0] - middle) / half, np.zeros(0, dtype=int))
+        states, inverse = np.unique(np.stack(shape, axis=1), axis=0, return_inverse=True)
+        return cls(states, None, inverse.ravel())
+
+    def values(self, at_states: np.ndarray) -> np.ndarray:
+        """Values (N or 1, ...) at the samples from those at the states (S, ...).
+
+        Args:
+            at_states: values at the states (S, ...).
+        """
+        if self.angle is None:
+            return at_states[self.inverse]
+        coefficients = _TO_COEFFICIENTS @ at_states.reshape(_NODES, -1)
+        rounding = 1e-15  # coefficients that are left out
+        large = np.abs(coefficients) > rounding * max(np.abs(at_states).max(), 1.0)
+        # Rows in sine and cosine need few coefficients: the rest is rounding, and costs time at each sample.
+        degree = int(np.flatnonzero(large.any(axis=1)).max(initial=0))
+        found = chebyshev.chebvander(self.angle, degree) @ coefficients[: degree + 1]
+        return found.reshape(-1, *at_states.shape[1:])
+
+
+# ---------------------------------------------------------------------- unknowns
+
 
 Axis = Literal["x", "y", "z"]
 

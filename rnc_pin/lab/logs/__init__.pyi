@@ -4,4 +4,4 @@ from .channel import Channel as Channel
 from .channel import Correction as Correction
 from .channel import LogMapping as LogMapping
 from .log import Log as Log
-from .tables import unwrapped as unwrapped
+from .log import unwrapped as unwrapped

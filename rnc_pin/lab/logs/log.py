@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import io
+import itertools
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
+from numpy import ndarray as Array
+from scipy.spatial.transform import Rotation
 
 from rnc_pin.errors import ConfigurationError, InputError, nearest
 from rnc_pin.io.json import Json
-from rnc_pin.lab.logs.channel import Channel, Correction, LogMapping, Quantity
-from rnc_pin.lab.logs.tables import read_table
+from rnc_pin.io.safe_npz import ArchiveError, read_npz
+from rnc_pin.io.safe_read import open_regular
+from rnc_pin.io.strict_mapping import Strict
+from rnc_pin.lab.logs.channel import Channel, ColumnKeys, Correction, LogMapping, Place, Quantity
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin, counted
 from rnc_pin.robots.robot import Robot
@@ -194,3 +201,226 @@ def _described(channel: Channel) -> list[Item]:
     gaps = len(channel.gaps)
     notes = [*channel.repairs, *([counted(gaps, "gap")] if gaps else [])]
     return [Item(counted(len(channel.time), "sample"), f"{channel.period:.3g} s"), *map(Item, notes)]
+
+
+# ---------------------------------------------------------------------- tables
+
+
+def unwrapped(counts: Array, span: float, what: str = "encoder") -> Array:
+    """Return continuous counts (N,) of a counter that returns to its start after ``span`` counts.
+
+    A step is the shortest of all that agree with the counter: it is less than half the span. The first count keeps its
+    value, less the span if that is nearer to zero: an absolute encoder begins within half a turn of its zero.
+
+    Args:
+        counts: counts (N,) in the order of time.
+        span: number of counts after which the counter returns, e.g. 8192 or ``2**32``.
+        what: name of the counter, for messages.
+
+    Raises:
+        ConfigurationError: a count is outside the span, or a step is so large that its direction is not known.
+
+    Example:
+        >>> rnc.logs.unwrapped(np.array([6.0, 7.0, 1.0, 7.0]), span=8)
+        array([-2., -1.,  1., -1.])
+    """
+    if not len(counts):
+        return counts.astype(float)
+    low, high = float(np.min(counts)), float(np.max(counts))
+    if high - low > span:
+        raise ConfigurationError(f"{what}: counts from {low:g} to {high:g} do not wrap after {span:g}")
+    steps = np.diff(counts.astype(float))
+    steps -= span * np.round(steps / span)
+    most = 0.4  # largest step as a fraction of the range; near one half, its direction is not known
+    if len(steps) and np.abs(steps).max() > most * span:
+        place = int(np.argmax(np.abs(steps)))
+        raise ConfigurationError(
+            f"{what}: step {place + 1} is {steps[place]:g} of {span:g} counts, so that its direction is not known; "
+            f"expected at most {most:g} of the range between two samples"
+        )
+    first = float(counts[0])
+    first -= span * np.round(first / span)
+    return np.asarray(first + np.concatenate([[0.0], np.cumsum(steps)]))
+
+
+def read_table(path: Path, mapping: LogMapping) -> list[Channel]:
+    """Channels of a table.
+
+    Args:
+        path: the file; an archive if its name ends with .npz, else a text table.
+        mapping: columns of joints and frames.
+
+    Raises:
+        ConfigurationError: the file or a column cannot be read.
+    """
+    chosen = list(_columns(mapping))
+    if not chosen:
+        raise ConfigurationError(f"{path}: its mapping names no column of a joint or a frame")
+    places = list(dict.fromkeys([mapping.time.column, *(column.column for column in chosen)]))
+    archive = path.suffix.lower() == ".npz"
+    read = _read_archive(path, places) if archive else _read_text(path, mapping, places)
+    numbers = dict(zip(places, read, strict=True))
+    time = numbers[mapping.time.column] * mapping.time.scale + mapping.time.offset
+    return [*_channels(path, mapping, time, numbers)]
+
+
+def _columns(mapping: LogMapping) -> Iterator[ColumnKeys]:
+    for group in (mapping.joints, mapping.frames):
+        for keys in group.values():
+            yield from _given(keys).values()
+
+
+def _given(keys: Strict) -> dict[str, ColumnKeys]:
+    """Columns that a mapping gives, by key."""
+    return {name: column for name in type(keys).model_fields if (column := getattr(keys, name)) is not None}
+
+
+def _channels(path: Path, mapping: LogMapping, time: Array, numbers: Mapping[Place, Array]) -> Iterator[Channel]:
+    # Counters are unwrapped in the order of time, and without the samples that have no number.
+    order = np.argsort(time, kind="stable")
+
+    def value(column: ColumnKeys, what: str) -> Array:
+        found = numbers[column.column].copy()
+        if column.wrap is not None:
+            whole = order[np.isfinite(found[order])]
+            found[whole] = unwrapped(found[whole], column.wrap, f"{path}: {what}, column {column.column!r}")
+        turn = 1.0 if column.ticks is None else 2.0 * np.pi / column.ticks
+        return column.scale * turn * found + column.offset
+
+    def stacked(keys: Strict, names: Sequence[str], what: str) -> Array:
+        given = _given(keys)
+        zero = np.zeros(len(time))
+        return np.stack([value(given[name], f"{what}.{name}") if name in given else zero for name in names], axis=1)
+
+    quantity: Quantity
+    for joint, columns in mapping.joints.items():
+        for quantity in ("position", "velocity", "effort"):
+            column = getattr(columns, quantity)
+            if column is not None:
+                yield Channel(quantity, joint, time, value(column, f"{joint}.{quantity}")[:, None])
+    pose_keys, quaternion_keys = ("x", "y", "z", "roll", "pitch", "yaw"), ("qx", "qy", "qz", "qw")
+    for frame, pose in mapping.frames.items():
+        given = _given(pose)
+        if any(name in given for name in quaternion_keys):
+            missing = [name for name in quaternion_keys if name not in given]
+            angles = [name for name in pose_keys[3:] if name in given]
+            if missing or angles:
+                fault = f"lacks {', '.join(missing)}" if missing else f"has {', '.join(angles)} beside a quaternion"
+                raise ConfigurationError(f"{path}: frames.{frame}: {fault}")
+            values = stacked(pose, (*pose_keys[:3], *quaternion_keys), frame)
+        else:
+            parts = stacked(pose, pose_keys, frame)
+            values = np.hstack([parts[:, :3], Rotation.from_euler("xyz", parts[:, 3:]).as_quat()])
+        yield Channel("pose", frame, time, values)
+
+
+# ---------------------------------------------------------------------- files
+
+
+def _read_text(path: Path, mapping: LogMapping, places: Sequence[Place]) -> list[Array]:
+    separators = {"comma": ",", "semicolon": ";", "tab": "\t", "space": None}  # None is any number of blanks
+    separator = separators[mapping.separator]
+    header = mapping.header
+    if header is None:
+        header = any(isinstance(place, str) for place in places)
+    try:
+        with open_regular(path) as binary, io.TextIOWrapper(binary, encoding="utf-8-sig") as file:
+            # Lazily: a table may be larger than the memory that its numbers need.
+            lines = (line for line in file if line.strip() and not line.lstrip().startswith(mapping.comment))
+            names = _split(next(lines, ""), separator) if header else []
+            wanted = [_number(path, place, names) for place in places]
+            return _numbers(path, lines, separator, mapping.comment, wanted)
+    except UnicodeDecodeError as error:
+        raise ConfigurationError(f"{path}: not a text file: {error.reason} at byte {error.start}") from None
+    except OSError as error:
+        raise ConfigurationError(f"{path}: {error.strerror or 'cannot be read'}") from None
+
+
+def _split(line: str, separator: str | None) -> list[str]:
+    return [part.strip().strip('"').strip() for part in line.split(separator)]
+
+
+def _number(path: Path, place: Place, names: Sequence[str]) -> int:
+    if isinstance(place, int):
+        return place
+    if place not in names:
+        hint = nearest(place, names) if names else "; the table has no header, give the number of the column"
+        raise ConfigurationError(f"{path}: no column '{place}'{hint}")
+    if names.count(place) > 1:
+        raise ConfigurationError(f"{path}: {names.count(place)} columns are named '{place}': give the number of one")
+    return names.index(place)
+
+
+def _numbers(path: Path, lines: Iterator[str], separator: str | None, comment: str, wanted: list[int]) -> list[Array]:
+    """Columns of text lines. Empty fields are NaN; only blocks of lines that have some are read slowly."""
+    blocks, start = [], 0
+    # Blocks, so that one empty field does not make the whole table slow.
+    while block := list(itertools.islice(lines, 100_000)):
+        try:
+            blocks.append(_block(block, separator, comment, wanted, None))
+        except ValueError:
+            try:
+                blocks.append(_block(block, separator, comment, wanted, _field))
+            except ValueError as error:
+                raise ConfigurationError(f"{path}: {_explained(str(error), start)}") from None
+        start += len(block)
+    if not blocks:
+        raise ConfigurationError(f"{path}: has no lines with numbers")
+    return list(np.concatenate(blocks).T)
+
+
+def _block(
+    lines: list[str], separator: str | None, comment: str, wanted: list[int], converter: Callable[[str], float] | None
+) -> Array:
+    return np.loadtxt(
+        lines, delimiter=separator, comments=comment, usecols=wanted, ndmin=2, quotechar='"', converters=converter
+    )
+
+
+def _field(text: str) -> float:
+    stripped = text.strip()
+    # Words of spreadsheets, databases and NumPy for no number.
+    missing = ("", "na", "n/a", "null", "none", "nan", "-nan")
+    return np.nan if stripped.lower() in missing else float(stripped)
+
+
+def _explained(message: str, start: int) -> str:
+    """Message of NumPy with the line of the table instead of the line of a block."""
+    counted = re.search(r"at row (\d+)", message)
+    if counted:
+        first = 0 if "column index" in message or "number of columns" in message else 1  # NumPy counts both ways
+        message = message.replace(counted[0], f"at data line {start + int(counted[1]) + first}")
+    return message.split("; use `usecols`")[0].rstrip(".")
+
+
+def _read_archive(path: Path, places: Sequence[Place]) -> list[Array]:
+    """Columns of an archive: a vector by its name, column k of a matrix by ``name[k]``."""
+    parts = [re.fullmatch(r"(.+?)(?:\[(\d+)\])?", str(place)) for place in places]
+    names = [part[1] for part in parts if part]
+    largest = 16 * 2**30  # size limit of the arrays of an archive [bytes]
+    try:
+        arrays = read_npz(path, names, largest=largest)
+    except FileNotFoundError:
+        raise ConfigurationError(f"{path}: No such file or directory") from None
+    except ArchiveError as error:
+        raise ConfigurationError(f"{path}: {error}") from None
+    columns = []
+    for place, part in zip(places, parts, strict=True):
+        if part is None or part[1] not in arrays:
+            raise ConfigurationError(f"{path}: no array '{place}'")
+        array, index = arrays[part[1]], part[2]
+        fits = array.ndim == 1 if index is None else array.ndim == 2 and int(index) < array.shape[1]
+        if not fits:
+            expected = "a vector, or name[k] for column k of a matrix"
+            raise ConfigurationError(f"{path}: '{place}' has shape {array.shape}, expected {expected}")
+        columns.append(_floats(path, str(place), array if index is None else array[:, int(index)]))
+    if len({len(column) for column in columns}) > 1:
+        raise ConfigurationError(f"{path}: columns of {sorted({len(column) for column in columns})} rows")
+    return columns
+
+
+def _floats(path: Path, name: str, column: Array) -> Array:
+    try:
+        return np.asarray(column, dtype=float)
+    except (TypeError, ValueError):
+        raise ConfigurationError(f"{path}: column '{name}' has no numbers, found {column.dtype}") from None

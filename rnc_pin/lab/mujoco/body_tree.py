@@ -9,8 +9,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ConfigurationError
-from rnc_pin.extras import missing_extra
+from rnc_pin.errors import ConfigurationError, missing_extra
 from rnc_pin.lab.mujoco import joint_coordinates
 from rnc_pin.model.rows import FrameAnchor, JointCoupler, Rows
 from rnc_pin.robots.robot import Robot

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from itertools import count
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -20,9 +20,8 @@ from rnc_pin.model.coordinates import ConfigurationManifold
 from rnc_pin.model.input_validation import ConfigurationValidator
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import OutputTarget
-from rnc_pin.motion.planning.bounded_descent import TangentBounds
 from rnc_pin.motion.planning.exact_steering import ExactMotion, Steering
-from rnc_pin.motion.planning.inverse_kinematics import IkResult, IkSearch, solve_ik
+from rnc_pin.motion.planning.inverse_kinematics import IkResult, IkSearch, TangentBounds, solve_ik
 from rnc_pin.robots.robot import Robot
 
 _FINER = 0.1  # tolerance of the second check of wheels that follow, in tolerances of the first one
@@ -234,9 +233,17 @@ def goal_configurations(
             step[reduced.robot.velocity_indices(name)] = 0.0
         return np.asarray(pin.integrate(reduced.robot.model, start, step))
 
-    def reached(begin: Array, starts: int, **given: Any) -> tuple[IkResult, Array, str]:
+    def reached(begin: Array, starts: int, besides: CollisionDistances | None = None) -> tuple[IkResult, Array, str]:
         """Result of inverse kinematics, its configuration as the end of an exact motion, and the problem with it."""
-        result = solve_ik(reduced, begin, goal, hold=hold, search=IkSearch(starts=starts, seed=seed), **given)
+        result = solve_ik(
+            reduced,
+            begin,
+            goal,
+            hold=hold,
+            search=IkSearch(starts=starts, seed=seed),
+            collisions=besides,
+            clearance=clearance,
+        )
         q = np.array(result.q) if steering is None else steering.prepared(result.q)
         return result, q, _problem_of(reduced, checker, q)
 
@@ -256,7 +263,7 @@ def goal_configurations(
         if len(found) >= enough or (attempt and time.monotonic() - begun > seconds):
             break
         begin = drawn(generator) if attempt else start
-        result, q, problem = reached(begin, 1 if attempt else 20, collisions=beside, clearance=clearance)
+        result, q, problem = reached(begin, 1 if attempt else 20, beside)
         if not attempt and (problem or not result.converged) and (same := same_problem()):
             raise InfeasibleError(f"find_way: the goal {same}")
         if not result.converged:

@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.collision import Obstacle, PairSelection
-from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError, short_text
-from rnc_pin.extras import check_extra
+from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError, check_extra, short_text
 from rnc_pin.model.input_validation import NotNegative, Positive, check_instances, is_count
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import OutputTarget
@@ -30,8 +29,7 @@ from rnc_pin.motion.planning.way_checking import (
     way_checker,
 )
 from rnc_pin.motion.planning.way_propagation import DEVIATION, PropagatedSearch
-from rnc_pin.motion.planning.way_search import SHORTER, SearchBudget, WaySearch, drive_times, speed_limits
-from rnc_pin.motion.planning.way_space import base_area
+from rnc_pin.motion.planning.way_search import SHORTER, SearchBudget, WaySearch, base_area, drive_times, speed_limits
 
 _FIRST = 400  # motions of the first search, in which joints stay within the range of start and goals
 _ATTEMPT = 4000  # motions of each further search, before it starts again with other random numbers

@@ -16,8 +16,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ModelError, ModelWarning, nearest
-from rnc_pin.extras import missing_extra
+from rnc_pin.errors import ModelError, ModelWarning, missing_extra, nearest
 from rnc_pin.io.safe_read import LARGEST
 from rnc_pin.robots import robot_files
 from rnc_pin.robots.sources import description

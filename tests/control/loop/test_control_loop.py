@@ -9,8 +9,8 @@ import rnc_pin as rnc
 import systems
 from rnc_pin.control import Command
 from rnc_pin.control.loop import control_loop, loop_state
+from rnc_pin.control.loop.control_loop import VelocityObserver
 from rnc_pin.control.loop.loop_state import VelocityEstimate, write_state
-from rnc_pin.control.loop.measurements import VelocityObserver
 from rnc_pin.motion import optimal
 from rnc_pin.motion.optimal import SetPointController, predictive_control, set_point_controller
 from rnc_pin.plants import ReducedPlant

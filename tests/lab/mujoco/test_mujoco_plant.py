@@ -11,7 +11,7 @@ import pytest
 import rnc_pin as rnc
 from bodies import add_body, add_frame
 from refusals import refused
-from rnc_pin.extras import missing_extra
+from rnc_pin.errors import missing_extra
 from systems import differential_drive, floating_robot
 
 mujoco = pytest.importorskip("mujoco", reason="comes with the extra mujoco")

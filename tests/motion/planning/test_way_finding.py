@@ -11,7 +11,7 @@ from ompl import base as ob
 from scipy.integrate import solve_ivp
 
 import rnc_pin as rnc
-import rnc_pin.extras
+import rnc_pin.errors
 from benchmarks.planned_models import car, mobile_manipulator, tractor
 from bodies import add_body
 from driven_bases import drafted_model, tricycle
@@ -21,8 +21,7 @@ from rnc_pin.motion.planning import WaySettings, find_way
 from rnc_pin.motion.planning.steering_detection import SampledBases
 from rnc_pin.motion.planning.way import intervals_along, motion_along
 from rnc_pin.motion.planning.way_checking import goal_configurations, position_limits, way_checker
-from rnc_pin.motion.planning.way_search import SearchBudget, WaySearch
-from rnc_pin.motion.planning.way_space import WaySpace
+from rnc_pin.motion.planning.way_search import SearchBudget, WaySearch, WaySpace
 from systems import ROLLERS, WHEEL, at_pose, four_bar, knife_box, mecanum, mecanum_box, tiago, with_box
 
 Obstacle = rnc.collision.Obstacle
@@ -282,7 +281,7 @@ def test_an_error_in_the_search_is_not_lost(monkeypatch):
 
 
 def test_without_ompl_there_is_one_clear_line(monkeypatch):
-    monkeypatch.setattr(rnc_pin.extras, "find_spec", lambda name: None)
+    monkeypatch.setattr(rnc_pin.errors, "find_spec", lambda name: None)
     with pytest.raises(rnc.ConfigurationError, match=r"find_way: OMPL is not installed: pip install '\.\[ompl\]'"):
         find_way(*TASKS["car"]())
 

@@ -17,7 +17,7 @@ import rnc_pin as rnc
 from patience import ending_within
 from rnc_pin.robots import robot_files
 from rnc_pin.robots.sources import mesh_formats
-from rnc_pin.robots.sources.mesh_formats import MeshError, convex_hull, mesh, read_mesh, readers
+from rnc_pin.robots.sources.mesh_formats import MeshError, convex_hull, read_mesh, readers
 from rnc_pin.robots.sources.mesh_formats.readers import read_collada
 from urdf_parts import write
 
@@ -38,7 +38,7 @@ WHOLE = [(name, content) for name, contents in solid.MESHES.values() for content
 @pytest.mark.parametrize(("name", "content"), WHOLE, ids=[f"{name}-{k}" for k, (name, _) in enumerate(WHOLE)])
 def test_one_solid_is_the_same_in_every_format(name, content, tmp_path):
     found = read_mesh(write(tmp_path / name, content))
-    expected = mesh.Mesh(solid.VERTICES, solid.TRIANGLES)
+    expected = readers.Mesh(solid.VERTICES, solid.TRIANGLES)
     np.testing.assert_allclose(corners_of(found), corners_of(expected), atol=SINGLE)
 
 

@@ -20,7 +20,7 @@ from held_memory import holding_at_most
 from patience import PATIENCE
 from rnc_pin.visualization.browser.page import RequestFilter, deferred_imports
 from rnc_pin.visualization.browser.scene_server import SceneWindow
-from rnc_pin.visualization.live import LiveView
+from rnc_pin.visualization.loop_view import LiveView
 
 
 def sockets():

@@ -15,9 +15,9 @@ from rnc_pin.analysis import analyze
 from rnc_pin.applications.command_line.messages import FAILED, print_json, warn
 from rnc_pin.applications.command_line.report import print_object
 from rnc_pin.applications.init import DraftOptions, best_rows, draft_with_decisions, find_uses, scenario_of
+from rnc_pin.applications.scenario.builder import start_findings, warnings_of
 from rnc_pin.applications.scenario.files import parse_options
 from rnc_pin.applications.scenario.output_folder import check_new_file, one_line_errors
-from rnc_pin.applications.scenario.plant_builder import start_findings, warnings_of
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.scenario.schema.scenario import schema
 from rnc_pin.errors import ConfigurationError, RncError

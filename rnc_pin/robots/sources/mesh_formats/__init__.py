@@ -16,15 +16,20 @@ import pinocchio as pin
 from rnc_pin.errors import ModelError
 from rnc_pin.io.safe_read import read_bytes
 from rnc_pin.robots.sources.description import read_numbers
-from rnc_pin.robots.sources.mesh_formats.mesh import (
+from rnc_pin.robots.sources.mesh_formats.readers import (
     FARTHEST,
     Mesh,
     MeshError,
     check_thickness,
     checked_mesh,
     convex_hull,
+    read_collada,
+    read_glb,
+    read_gltf,
+    read_obj,
+    read_ply,
+    read_stl,
 )
-from rnc_pin.robots.sources.mesh_formats.readers import read_collada, read_glb, read_gltf, read_obj, read_ply, read_stl
 
 __all__ = ["FARTHEST", "FORMATS", "Mesh", "MeshError", "check_thickness", "checked_mesh", "convex_hull", "read_mesh"]
 

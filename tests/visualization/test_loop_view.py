@@ -25,7 +25,7 @@ from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.visualization.browser.page import in_order, is_loopback
 from rnc_pin.visualization.browser.scene_server import SceneWindow
-from rnc_pin.visualization.live import LiveView
+from rnc_pin.visualization.loop_view import LiveView
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
 from rnc_pin.visualization.recording import Recording
 from rnc_pin.visualization.scene_bodies import MeshcatRobot

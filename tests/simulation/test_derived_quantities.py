@@ -7,7 +7,7 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.simulation.ground_bodies import ground_bodies
+from rnc_pin.simulation.derived_quantities import ground_bodies
 from systems import fire_truck, free_flying_panda, space_robot
 
 
