@@ -177,9 +177,12 @@ def c_statements(outputs: dict[str, Symbol]) -> list[str]:
         text = _c(each, [written[operand] for operand in each.operands])
         if each.operands and uses[each] > 1:
             name = f"x{len(lines)}"
-            lines.append(f"const double {name} = {text};")
+            lines.append(f"{name} = {text},")
             text = name
         written[each] = text
+    if lines:  # of one declaration
+        lines[-1] = f"{lines[-1][:-1]};"
+        lines[0] = f"const double {lines[0]}"
     return [*lines, *(f"{out} {written[each]};" for out, each in outputs.items())]
 
 

@@ -14,7 +14,7 @@ import warnings
 from collections.abc import Callable, Iterable, Sequence
 from enum import IntEnum
 from importlib import import_module
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -22,7 +22,7 @@ import pinocchio as pin
 from rnc_pin.errors import ConfigurationError, ModelWarning
 
 _VARIABLE = "RNC_PIN_KERNEL"
-INTERFACE = 41
+INTERFACE = 42
 """Number that changes with the arguments of the kernel's methods; ``tools/generate_rows.py`` writes it for C."""
 _REINSTALL = "reinstall with pip install -e ."
 _NONE = "this installation has no compiled kernel: reinstall with a C compiler"
@@ -31,11 +31,11 @@ _NONE = "this installation has no compiled kernel: reinstall with a C compiler"
 class _NumPyAlone:
     """Library without a compiled kernel: each function declines, and the caller evaluates its formula by NumPy."""
 
-    def __getattr__(self, name: str) -> Callable[..., bool]:
-        return lambda *arguments: False
+    def __getattr__(self, name: str) -> Callable[..., None]:
+        return lambda *arguments: None
 
 
-NUMPY_ALONE: object = _NumPyAlone()
+NUMPY_ALONE: Any = _NumPyAlone()
 
 
 def _load() -> tuple[object, str]:

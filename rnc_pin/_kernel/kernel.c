@@ -1122,6 +1122,27 @@ static int forward_at(Evaluator *ev, double *const *x)
 }
 FUSED(forward_dynamics, "qrTu?", ev->r, forward_at)
 
+/* q, v2, T, mu and its rates or None, record of v2_dot, v2 before a time (1), this time, rows (k, r), lower and upper
+   bounds (k). True if v2 is farther from the bounds than the change since then and its error to second order. */
+static PyObject *far_within(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
+{
+    Arrays all = {.count = 1}, bounds = {.count = -1};
+    double *x[7], *row, *lower, *upper;
+    int ok = expect(ev, given, 10) && take_all(ev, &all, args, "qrTu?r!rt", x)
+                     && take(&bounds, args[7], ev->r, READ, &row) && take(&bounds, args[8], 1, READ, &lower)
+                     && take(&bounds, args[9], 1, READ, &upper)
+                 ? ev->fused
+                 : -1;
+    if (ok > 0) ok = forward_at(ev, x);
+    for (Py_ssize_t i = 0; i < bounds.count && ok > 0; i++, row += ev->r) {
+        double before = dot(row, x[5], ev->r), reached = dot(row, x[1], ev->r), change = reached - before;
+        double away = fabs(change) + fabs(*x[6] * dot(row, x[4], ev->r) - change);
+        ok = reached + away <= upper[i] && reached - away >= lower[i];
+    }
+    close_arrays(&bounds);
+    return result(&all, ok);
+}
+
 /* q, v2, v2_dot, mu and its rates or None -> reduced forces R^T (M (R v2_dot - E^-1 gamma) + bias) */
 static int inverse_at(Evaluator *ev, double *const *x)
 {
@@ -1206,22 +1227,20 @@ static int derivative(Evaluator *ev, const double *q, const double *v2, const do
 /* ------------------------------------------------------------------ integration */
 
 /* |B_2k| / (2k)!, k = 1 to 14, of the series of the inverse Jacobian of an exponential */
-static const double BERNOULLI[14] = {
-    1 / 12.0,
-    1 / 720.0,
-    1 / 30240.0,
-    1 / 1209600.0,
-    1 / 47900160.0,
-    691 / 1307674368000.0,
-    1 / 74724249600.0,
-    3617 / 10670622842880000.0,
-    43867 / 5109094217170944000.0,
-    174611 / 802857662698291200000.0,
-    77683 / 14101100039391805440000.0,
-    236364091 / 1693824136731743669452800000.0,
-    657931 / 186134520519971831808000000.0,
-    3392780147 / 37893265687455865519472640000000.0,
-};
+static const double BERNOULLI[14] = {1 / 12.0,
+                                     1 / 720.0,
+                                     1 / 30240.0,
+                                     1 / 1209600.0,
+                                     1 / 47900160.0,
+                                     691 / 1307674368000.0,
+                                     1 / 74724249600.0,
+                                     3617 / 10670622842880000.0,
+                                     43867 / 5109094217170944000.0,
+                                     174611 / 802857662698291200000.0,
+                                     77683 / 14101100039391805440000.0,
+                                     236364091 / 1693824136731743669452800000.0,
+                                     657931 / 186134520519971831808000000.0,
+                                     3392780147 / 37893265687455865519472640000000.0};
 
 enum { PLANAR, SPHERICAL, FREE }; /* joints with curved coordinates */
 
@@ -1400,6 +1419,33 @@ static int terms_at(Evaluator *ev, double *const *x)
     return 1;
 }
 FUSED(terms, "qr", terms_size(ev), terms_at)
+
+static Py_ssize_t sample_size(const Evaluator *ev)
+{
+    Py_ssize_t n = ev->n, r = ev->r, ends = 2 * (kinematics_size(ev) + 2 * n * n + ev->nq);
+    return ends + dynamics_size(ev) + n + r + (n + r) * ev->p + r;
+}
+
+/* q, v2, duration -> record of a state and of the configuration after this time at its velocity: kinematics and F of
+   both, then both q, S, v, v2, B, and the accelerations of unit inputs and without inputs */
+static int sample_at(Evaluator *ev, double *const *x)
+{
+    Py_ssize_t n = ev->n, size = kinematics_size(ev), inverses = 2 * n * n;
+    double *P = x[3], *F = P + size, *at_end = F + inverses, *q = at_end + size + inverses, *q_end = q + ev->nq;
+    double *S = q_end + ev->nq, *v = S + dynamics_size(ev), *v2 = v + n, *B = v2 + ev->r, *effects = B + n * ev->p;
+    int ok = ev->timed || ev->forced ? 0 : locate_state(ev, x[0], x[1], NULL, P, F);
+    if (ok <= 0) return ok;
+    memcpy(q, x[0], (size_t)ev->nq * sizeof(double));
+    memcpy(v2, x[1], (size_t)ev->r * sizeof(double));
+    velocity(ev, F, ev->mu, v2, v);
+    if (!biases(ev, q, P, F, v, NULL, S)) return -1;
+    input_matrix(ev, q, P, B, ev->scratch);
+    if (!input_accelerations_at(ev, (double *[]){F, S, B, effects, effects + ev->r * ev->p})) return 0;
+    for (Py_ssize_t i = 0; i < n; i++) ev->force_row[i] = *x[2] * v[i];
+    if (!displace(ev, q, ev->force_row, q_end) || !take_position(ev, q_end, at_end)) return -1;
+    return factorize(ev, q_end, at_end, NULL, at_end + size);
+}
+FUSED(sample, "qrt", sample_size(ev), sample_at)
 
 /* ------------------------------------------------------------------ arguments of functions */
 
@@ -1655,6 +1701,7 @@ static PyMethodDef methods[] = {
     METHOD(integrate, integrate), METHOD(state_derivatives, state_derivatives),
     METHOD(vertical_velocities, vertical_velocities), METHOD(row_velocities, row_velocities),
     METHOD(admissible_velocities, admissible_velocities), METHOD(measure, measure), METHOD(terms, terms),
+    METHOD(sample, sample), METHOD(far_within, far_within),
     {NULL, NULL, 0, NULL},
 };
 

@@ -62,7 +62,7 @@ class Evaluator:
 
     Args:
         data: the reduction.
-        kernel: its compiled kernel; None for the formulas alone, which are the reference.
+        kernel: its compiled kernel; None for the formulas alone, which are the reference: ``calls`` decline.
 
     Attributes:
         measures: True if ``measured`` is one call, for many runs too.
@@ -72,6 +72,7 @@ class Evaluator:
 
     def __init__(self, data: ReductionData, kernel: ReductionKernel | None = None) -> None:
         self.data, self.kernel = data, kernel
+        self.calls: _kernel.library.Evaluator = _kernel.NUMPY_ALONE if kernel is None else kernel.calls
         self.measures = kernel is not None and kernel.measures
         self.validator = ConfigurationValidator(data.robot)
         self.kept_chart: tuple[tuple[object, ...], Evaluator] | None = None
@@ -180,6 +181,28 @@ class Evaluator:
                 return self.filled_state(kernel, q, v, found, t)
         return StateEvaluation.at(self, q, v=v, t=t)
 
+    def sample(self, q: Array, v2: Array, dt: float) -> tuple[StateEvaluation, StateEvaluation] | None:
+        """States at the start of a sample and at its predicted end; None if the general way has to evaluate them.
+
+        Args:
+            q: configuration (nq,) at the start.
+            v2: reduced velocities (r,) of both.
+            dt: duration of the sample [s].
+        """
+        kernel = self.kernel
+        numbers = None if kernel is None else kernel.calls.sample(q, v2, np.array([dt]))
+        if kernel is None or numbers is None:
+            return None
+        numbers.setflags(write=False)
+        record, states = np.ndarray((), kernel.sample, numbers), []
+        for end in ("", "_end"):
+            q, kinematics, inverse = (record[name + end] for name in ("q", "kinematics", "inverse"))
+            arrays = CompiledArraysAtQ(kernel, q, None, kinematics, inverse)
+            at = ConfigurationEvaluation(self, q, None, None, arrays)
+            states.append(StateEvaluation(at, record["v2"]))
+        states[0].v, states[0].input_accelerations = record["v"], (record["effects"], record["adverse"])
+        return states[0], states[1]
+
     def filled_state(
         self, kernel: ReductionKernel, q: Array, v: Array, records: RunRecords, t: float | None = None
     ) -> StateEvaluation:
@@ -213,11 +236,27 @@ class Evaluator:
             T: actuator inputs (..., p) [N or N m].
             t: times (...) of rheonomic constraints [s]; others ignore them.
         """
-        if self.kernel is not None:
-            found = self._called(self.kernel.calls.forward_dynamics, (q, v2, T), t)
-            if found is not None:
-                return found
-        return self.state(q, v2, t).v2_dot(T)
+        found = self._called(self.calls.forward_dynamics, (q, v2, T), t)
+        return self.state(q, v2, t).v2_dot(T) if found is None else found
+
+    def far_within(
+        self, sample: Sequence[StateEvaluation], v2: Array, T: Array, t: float, dt: float, bounds: Sequence[Array]
+    ) -> bool:
+        """True if the motion of a sample keeps bounds for certain, by the kernel.
+
+        The acceleration at its end tells by how much v2 deviates from a constant one, to second order. Bounds that are
+        farther than twice this and the whole change in the sample are kept.
+
+        Args:
+            sample: states at its start, and at its predicted end.
+            v2: reduced velocities (r,) at the end, by the acceleration at the start.
+            T: inputs (p,).
+            t: time of the end [s].
+            dt: duration [s].
+            bounds: rows (k, r) on the reduced velocities, their lower and upper bounds (k,).
+        """
+        start, end, later = *sample, np.empty(len(v2))
+        return bool(self.calls.far_within(end.q, v2, T, self._rates(t), later, start.v2, np.array([dt]), *bounds))
 
     def inverse_dynamics(self, q: ArrayInput, v2: ArrayInput, v2_dot: ArrayInput, t: ArrayInput | None) -> Array:
         """Reduced forces (..., r) for accelerations v2_dot (..., r).
@@ -228,11 +267,8 @@ class Evaluator:
             v2_dot: reduced accelerations (..., r) [rad/s^2 or m/s^2].
             t: times (...) of rheonomic constraints [s]; others ignore them.
         """
-        if self.kernel is not None:
-            found = self._called(self.kernel.calls.inverse_dynamics, (q, v2, v2_dot), t)
-            if found is not None:
-                return found
-        return self.state(q, v2, t).inverse_dynamics(v2_dot)
+        found = self._called(self.calls.inverse_dynamics, (q, v2, v2_dot), t)
+        return self.state(q, v2, t).inverse_dynamics(v2_dot) if found is None else found
 
     def _called(
         self, call: Callable[..., Array | None], arguments: tuple[ArrayInput, ...], t: ArrayInput | None
@@ -312,12 +348,10 @@ class Evaluator:
             damping: viscous coefficients (nv,); None for zero.
             t: time for constraints that depend on it [s].
         """
-        kernel, data, n = self.kernel, self.data, self.data.n
+        data, n = self.data, self.data.n
         # In the order in which an integrator has them: v, then the rates of its state.
         found = np.empty(n + data.r + data.vertical.size + 1 + data.rheonomic)
-        if kernel is not None and kernel.calls.state_derivative(
-            q, None, v2, T, external, damping, self._rates(t), found
-        ):
+        if self.calls.state_derivative(q, None, v2, T, external, damping, self._rates(t), found):
             return found[:n], found[n:]
         return state_rates(StateEvaluation.at(self, q, v2, t=t), T, damping, external)
 
@@ -372,16 +406,13 @@ class Evaluator:
             h: duration of each step [s].
             steps: number of steps.
         """
-        kernel = self.kernel
-        if kernel is None:
-            return None
-        rates = None
-        if self.data.rheonomic and kernel.fused:
+        kernel, rates = self.kernel, None
+        if self.data.rheonomic and kernel is not None and kernel.fused:
             # Constraints over time need their right-hand side at the stages of each step: its start, middle and end.
             rates = kernel.rates_over_time((y[-2] + 0.5 * h * np.arange(2 * steps + 1)).tolist())
-        q_end, y_end, status, rough = np.empty(q.shape), np.empty(y.shape), np.empty(1), np.empty(1)
+        q_end, y_end, status, rough = np.empty(q.shape), np.empty(y.shape), np.zeros(1), np.empty(1)
         found = q_end, y_end, status, rough
-        kernel.calls.integrate((kernel.calls,), q, y, T, h, steps, None, *found, rates, None, None, None)
+        self.calls.integrate((self.calls,), q, y, T, h, steps, None, *found, rates, None, None, None)
         return (q_end, y_end, float(rough[0])) if status[0] else None
 
     def planned_motion(
@@ -397,9 +428,6 @@ class Evaluator:
             steps: steps of each interval.
             feedback: feedback about planned states; None without.
         """
-        kernel = self.kernel
-        if kernel is None:
-            return None
         q, w = (np.array(each, dtype=float) for each in start)
         K, nu = u.shape
         found = np.empty((K * steps, len(q) + len(w) + nu))
@@ -411,7 +439,7 @@ class Evaluator:
         # Feedback reads the deviation on the manifold, which the kernel leaves to Pinocchio.
         difference = partial(pin.difference, self.data.robot.model)
         arrays = (gains, planned, limits, difference, np.empty_like(q), np.empty_like(q), found)
-        if not kernel.calls.planned_motion(_FORMS.index(form), K, steps, h, q, w, np.ascontiguousarray(u), *arrays):
+        if not self.calls.planned_motion(_FORMS.index(form), K, steps, h, q, w, np.ascontiguousarray(u), *arrays):
             return None
         return found[:, : len(q)], found[:, len(q) : -nu], found[:, -nu:]
 
@@ -425,12 +453,9 @@ class Evaluator:
             u: inputs (n, nu).
             h: durations of the steps (n,) [s].
         """
-        kernel = self.kernel
-        if kernel is None:
-            return None
         found = np.empty((len(q), q.shape[1] + w.shape[1]))
         arrays = (np.ascontiguousarray(each, dtype=float) for each in (q, w, u, h))
-        if not kernel.calls.planned_steps(_FORMS.index(form), *arrays, found):
+        if not self.calls.planned_steps(_FORMS.index(form), *arrays, found):
             return None
         return found[:, : q.shape[1]], found[:, q.shape[1] :]
 
@@ -472,12 +497,9 @@ class Evaluator:
             T: actuator inputs (p,).
             damping: viscous coefficients (nv,); None for zero.
         """
-        kernel = self.kernel
-        if kernel is None:
-            return None
         found, n = np.empty(len(x)), self.data.n
         state, rates = (q, x[:n], x[n : n + self.data.r]), self._rates(float(x[-2]))
-        return found if kernel.calls.state_derivative(*state, T, None, damping, rates, found) else None
+        return found if self.calls.state_derivative(*state, T, None, damping, rates, found) else None
 
 
 def state_rates(state: StateEvaluation, T: Array, damping: Array | None, external: Array | None) -> tuple[Array, Array]:

@@ -290,7 +290,7 @@ class ReductionKernel:
         measures: True if one call evaluates all rows and values.
         measured_sizes: numbers in the records of such a call: kinematics, inverse, rates and values.
         fused: True if the kernel knows all rows of E, all inputs and all forces.
-        kinematics, inverse, rows, biases, rates, terms, derivatives: types of records.
+        kinematics, inverse, rows, biases, rates, terms, sample, derivatives: types of records.
     """
 
     def __init__(self, data: ReductionData) -> None:
@@ -313,6 +313,10 @@ class ReductionKernel:
         self.kinematics, self.inverse, self.rows = _record(kinematics), _record(inverse), _record(rows)
         self.biases, self.rates = _record(biases), _record(rates)
         self.terms = _record({**kinematics, **inverse, "v": (n,), **rates, **coriolis, **forces})
+        states = [(f"{name}{end}", getattr(self, name)) for end in ("", "_end") for name in ("kinematics", "inverse")]
+        motion = {"q": (data.robot.nq,), "q_end": (data.robot.nq,), **biases, "v": (n,), "v2": (r,), "B": (n, p)}
+        numbers = {**motion, "effects": (r, p), "adverse": (r,)}
+        self.sample = np.dtype([*states, *((name, float, shape) for name, shape in numbers.items())])
         by = {"v_q": (n, n), "v_v2": (n, r), "v2_dot_q": (r, n), "v2_dot_v2": (r, r), "v2_dot_T": (r, p)}
         self.derivatives = _record({"v": (n,), "v2_dot": (r,), **by})
         self.python_values = tuple(

@@ -90,6 +90,18 @@ def compare(reduced, q, v2, size=1e-3):
     if q.ndim == 1 and (found := fused_call(reduced, "admissible_velocity")(q, v2)):
         near(found[0], plain.v, condition, "admissible_velocity")
         near(found[1], np.square(plain.R).sum(), condition, "sum of squares of R")
+    if q.ndim == 1 and (ends := reduced.evaluator.sample(q, v2, 0.01)) is not None:
+        end = by_numpy(reduced, pin.integrate(reduced.robot.model, q, 0.01 * plain.v), v2=v2)
+        near(ends[0].v, plain.v, condition, "sample")
+        for one, other in zip(ends[0].input_accelerations, plain.input_accelerations, strict=True):
+            near(one, other, condition, "sample")
+        near(ends[1].R, end.R, condition * np.max(end.condition) ** 2, "sample")
+        row, faster = np.ones((1, len(v2))), v2 + 0.1
+        later = 0.01 * by_numpy(reduced, end.q, v2=faster).v2_dot(T)
+        away = abs(row @ (faster - v2)) + abs(row @ (later - faster + v2))
+        for margin in (1e-6, -1e-6):
+            bounds = row, row @ faster - 9.0 * away, row @ faster + (1.0 + margin) * away
+            assert reduced.evaluator.far_within(ends, faster, T, 0.0, 0.01, bounds) == (margin > 0.0)
     measured = plain.v + 0.1
     slipping = by_numpy(reduced, q, v=measured)
     for name in STATE:

@@ -333,16 +333,21 @@ class InverseDynamicsQP(WholeBodyProgram):
         slower = self._decay * state.v2[None]  # computed torque, which carries the load
         rest = program.on_unknowns(slower)[0][0]
 
-        def solved(
-            limits: ProgramBounds, start: Array | None, near: tuple[float, ...], exclusive: bool
-        ) -> RelaxedSolution:
-            bounds, given = self._bounds(limits, program), sampled._replace(near=near) if near else sampled
+        def solved(limits: ProgramBounds, last: RelaxedSolution | None = None) -> RelaxedSolution:
+            given, start = (
+                (sampled, multipliers) if last is None else (sampled._replace(near=last.damping), last.multipliers)
+            )
+            exclusive = last is not None and bool(last.excess.any())
+            bounds = self._bounds(limits, program)
             return solve_within(levels, bounds, self._limits, rest, 0.0, start, self._forces, given, exclusive)
 
-        found = best = solved(motion, multipliers, (), False)
+        found = best = solved(motion)
         least, best_end = np.inf, None
-        settled = found.unsolved or self._far_from_limits(program, motion, found.unknowns)
-        for _ in range(0 if settled else _CORRECTIONS + 1):
+        T, v2 = program.efforts(found.unknowns), program.velocity(found.unknowns)
+        far = not found.unsolved and self._reduced.evaluator.far_within(
+            (state, sample.end), v2, T, sample.time, self.dt, (motion.rows, motion.lower, motion.upper)
+        )
+        for _ in range(0 if far or found.unsolved else _CORRECTIONS + 1):
             end = self._end(state, program.efforts(found.unknowns))
             reached, averaged = rows.jacobian @ end.v, self._limits.averaged[motion.places]
             mean = np.where(averaged, rows.jacobian @ self._mean_velocity(state, end), reached)
@@ -360,26 +365,13 @@ class InverseDynamicsQP(WholeBodyProgram):
                 lower=motion.lower - np.minimum(reached, below) + expected,
                 upper=motion.upper - np.maximum(reached, above) + expected,
             )
-            found = solved(corrected, found.multipliers, found.damping, bool(found.excess.any()))
+            found = solved(corrected, found)
             if found.unsolved:
                 break
-        # The solver's rounding is no effort.
-        T = clipped(program.efforts(best.unknowns), self._reduced.actuation.limits)
-        v2 = program.velocity(best.unknowns)
+        if not far:
+            T, v2 = program.efforts(best.unknowns), program.velocity(best.unknowns)
+        T = clipped(T, self._reduced.actuation.limits)  # the solver's rounding is no effort
         return InputSolution(T, v2, best.multipliers, best.excess, best_end, best.unsolved)
-
-    def _far_from_limits(self, program: _SampleProgram, motion: ProgramBounds, unknowns: Array) -> bool:
-        """True if the motion of the dynamics keeps the limits for certain; then it need not be integrated.
-
-        The program takes the acceleration at the start. The one at the end tells by how much a velocity deviates from
-        it, to second order. Limits that are farther than twice this and the whole change in the sample are kept.
-        """
-        sample, T, velocity = program.sample, program.efforts(unknowns), program.velocity(unknowns)
-        later = self._reduced.evaluator.forward_dynamics(sample.end.q, velocity, T, sample.time)
-        step = velocity - sample.start.v2
-        reached, change, deviation = np.array([velocity, step, self.dt * later - step]).dot(motion.rows.T)
-        room = np.minimum(motion.upper - reached, reached - motion.lower)
-        return bool((room >= np.abs(change) + np.abs(deviation)).all())
 
     def _end(self, state: StateEvaluation, T: Array) -> StateEvaluation:
         """State at the end of the sample under constant inputs, by as many Runge-Kutta steps as it needs."""

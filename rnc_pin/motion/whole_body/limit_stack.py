@@ -167,7 +167,8 @@ class LimitStack:
         ranks = np.repeat([-1 if each.hard else each.priority for each in limits], sizes).astype(int)
         hard = np.repeat([each.hard for each in limits], sizes).astype(bool)
         self._groups = [np.flatnonzero(hard), *(np.flatnonzero(~hard & (ranks == p)) for p in sorted({*ranks[~hard]}))]
-        self._nv, self._affine = reduced.n, reduced.affine
+        self._nothing = np.zeros((0, reduced.n)), np.zeros(0), np.zeros(0), np.zeros(0, dtype=int)
+        self._affine = reduced.affine
         by_rows = [type(each).exceeded_by is BoundLimit.exceeded_by for each in self._bound]
         self.judged_by_rows = np.repeat(by_rows, sizes).astype(bool)
         self.spacing = min((each.spacing for each in self._bound), default=np.inf)
@@ -179,15 +180,14 @@ class LimitStack:
             sample: the sample.
             braking: True for the rows of a braking motion.
         """
-        found = []
+        found = [self._nothing]
         for limit, where in zip(self._bound, self._places, strict=True):
             rows = limit.braking_rows(sample) if braking else limit.rows(sample)
             if rows is not None:
                 found.append((*rows[:3], where if rows.places is None else where[rows.places]))
-        if not found:
-            return LimitRows(np.zeros((0, self._nv)), np.zeros(0), np.zeros(0), np.zeros(0, dtype=int))
         whole, low, high, chosen = map(np.concatenate, zip(*found, strict=True))
-        if not np.isfinite((high - low).sum()):
+        widths = high - low
+        if not widths.dot(widths) < np.inf:
             used = np.isfinite(low) | np.isfinite(high)
             whole, low, high, chosen = whole[used], low[used], high[used], chosen[used]
         return LimitRows(whole, low, high, chosen)

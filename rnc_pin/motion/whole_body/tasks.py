@@ -153,11 +153,11 @@ class BoundOutput(BoundTask):
 
     def __init__(self, task: ControlTask, output: OutputKind, reference: Reference, reduced: ReducedModel) -> None:
         self.block, self.reference = output.bind(reduced.robot), reference
-        self._together = OutputsTogether([self], reduced)
         self.names = self.goal_names = self.block.names
         self.constant = isinstance(self.block, ConstantRows) or self.block.quasi
         check_size(reference, len(self.names), f"'{', '.join(self.names)}'")
         self.gain = task.numbers("gain", task.gain, len(self.names)) * (not self.block.quasi)
+        self._together = OutputsTogether([self], reduced)
 
     def rows(self, sample: ControlSample) -> TaskRows:
         return self._together.rows(sample)
@@ -177,14 +177,11 @@ class OutputsTogether:
     def __init__(self, tasks: Sequence[BoundOutput], reduced: ReducedModel) -> None:
         self._tasks, self._reduced = tasks, reduced
         self._stack = OutputStack([task.block for task in tasks])
+        self._gain = np.concatenate([task.gain for task in tasks])
 
     @cached_property
     def _evaluator(self) -> Evaluator:
         return evaluator_for(self._reduced.reduction_data.measuring(self._stack), self._reduced.evaluator)
-
-    @cached_property
-    def _gain(self) -> np.ndarray:
-        return np.concatenate([task.gain for task in self._tasks])
 
     def rows(self, sample: ControlSample) -> TaskRows:
         """Return the rows of all tasks at the end of a sample."""

@@ -63,8 +63,9 @@ class ControlSample:
         self, reduced: ReducedModel, time: float, q: Array, v2: Array, dt: float, start: StateEvaluation | None = None
     ) -> None:
         self._reduced, self.time, self.dt = reduced, time + dt, dt
-        self.start = reduced.at(q, v2, t=time) if start is None else start
-        self._end: StateEvaluation | None = None if dt else self.start
+        known = reduced.evaluator.sample(q, v2, dt) if start is None and dt else None
+        self.start, end = known or (start or reduced.at(q, v2, t=time), None)
+        self._end: StateEvaluation | None = end if dt else self.start
 
     @property
     def end(self) -> StateEvaluation:
@@ -188,13 +189,11 @@ class PlannedBraking:
         self._efforts = np.where(np.isfinite(efforts), _BRAKING * efforts, 0.0)
         self._any = bool(self._efforts.any())
 
-    def decelerations(
-        self, jacobian: Float[np.ndarray, "k nv"], state: StateEvaluation, both: bool = False
-    ) -> Float[np.ndarray, " k"]:
+    def decelerations(self, jacobian: Array, state: StateEvaluation, both: bool = False) -> Float[Array, " k"]:
         """Accelerations (k,) of rows [m/s^2 or rad/s^2] in their positive direction; infinite without limits.
 
         Args:
-            jacobian: rows on the full velocity.
+            jacobian: rows (k, nv) on the full velocity.
             state: the state.
             both: True for the smaller one of both directions.
         """
