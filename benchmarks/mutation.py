@@ -1,33 +1,39 @@
 """Mutation score.
 
-Cosmic Ray makes and tests the mutants, in copies of the tree. One run without a mutant measures the duration of each
-test and the lines that it executes (pytest-cov). Each mutant meets the tests that execute its line: first those of its
-module, then those of its package, the shortest first, for at most ``--patience`` seconds. A second stage tries the
-survivors again: with tests of five times this duration, with and without the compiled kernel. What survives both is
-printed as differences. Assertions should kill it, unless a reader finds it equivalent.
+Cosmic Ray makes the mutants, in copies of the tree. One run without a mutant measures the duration of each test and the
+lines that it executes (pytest-cov); tests that fail in it are left out. Each mutant meets the tests that execute its
+line: first those of its module, then those of its package, the shortest first, for at most ``--patience`` seconds. They
+run in a child of a process that has imported the libraries. A second stage tries the survivors again: with tests of
+five times this duration, with and without the compiled kernel. What survives both is printed as differences. Assertions
+should kill it, unless a reader finds it equivalent.
 """
 
 from __future__ import annotations
 
 import argparse
+import difflib
 import math
+import multiprocessing
 import os
 import random
-import shlex
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from importlib import import_module
 from pathlib import Path
 from xml.etree import ElementTree
 
+import pytest
 from cosmic_ray.commands.init import init
-from cosmic_ray.mutating import mutate_and_test
+from cosmic_ray.mutating import use_mutation
+from cosmic_ray.plugins import get_operator
 from cosmic_ray.work_db import WorkDB, use_db
-from cosmic_ray.work_item import MutationSpec, TestOutcome, WorkerOutcome, WorkResult
+from cosmic_ray.work_item import MutationSpec
 from coverage import CoverageData
 
 ROOT = Path(__file__).parents[1]
@@ -46,9 +52,9 @@ TESTS = (
     "tests/system/test_uncertain_wheels.py", *DECLARED, "tests/visualization/test_scene_bodies.py",
 )  # fmt: skip
 IN_ANNOTATIONS = "core/ReplaceBinaryOperator_BitOr_"  # nothing evaluates these
+LIBRARIES = ("hypothesis", "pinocchio", "scipy.integrate", "scipy.optimize", "scipy.spatial", "yaml")
 START_UP = 60.0  # [s] that pytest and its imports may take
 MORE = 5.0  # times the patience, for survivors of the first stage
-KERNELS = ("numpy", "c")
 
 
 def modules(paths: list[str]) -> list[Path]:
@@ -111,29 +117,25 @@ Drawn = list[tuple[MutationSpec, list[str]]]
 """Mutants and the tests that each meets."""
 
 
+Outcome = tuple[int | None, str]
+"""Exit status of the tests, 0 if the mutant survives, and the difference."""
+
+
 def outcomes(
     drawn: Drawn, tree: Path, timeout: float, jobs: int, kernel: str | None = None
-) -> Iterator[tuple[MutationSpec, WorkResult]]:
-    """Test mutants, ``jobs`` at a time, each process in its own copy of the tree.
-
-    Raises:
-        SystemExit: a mutant cannot be tested.
-    """
+) -> Iterator[tuple[MutationSpec, Outcome]]:
+    """Test mutants, ``jobs`` at a time, each process in its own copy of the tree."""
     with ProcessPoolExecutor(jobs, initializer=_enter_copy, initargs=(tree, kernel)) as pool:
         running = {pool.submit(_test, mutant, tests, timeout): mutant for mutant, tests in drawn}
         for each in as_completed(running):
-            mutant, result = running[each], each.result()
-            if result.test_outcome is TestOutcome.INCOMPETENT:
-                raise SystemExit(f"{mutant.module_path}:{mutant.start_pos[0]}: {result.output}")
-            yield mutant, result
+            yield running[each], each.result()
 
 
-def survivors(drawn: Drawn, tree: Path, timeout: float, jobs: int) -> list[tuple[MutationSpec, WorkResult]]:
+def survivors(drawn: Drawn, tree: Path, timeout: float, jobs: int) -> list[tuple[MutationSpec, Outcome]]:
     """Mutants that survive their tests with the compiled kernel and without it."""
-    left: list[tuple[MutationSpec, WorkResult]] = []
-    for kernel in KERNELS:
-        tested = list(outcomes(drawn, tree, timeout, jobs, kernel))
-        left = [(mutant, result) for mutant, result in tested if result.test_outcome is TestOutcome.SURVIVED]
+    left: list[tuple[MutationSpec, Outcome]] = []
+    for kernel in ("numpy", "c"):
+        left = [each for each in outcomes(drawn, tree, timeout, jobs, kernel) if each[1][0] == 0]
         drawn = [(mutant, tests) for mutant, tests in drawn if any(mutant is other for other, _ in left)]
     return left
 
@@ -143,35 +145,46 @@ def _enter_copy(tree: Path, kernel: str | None) -> None:
     shutil.copytree(tree, own)
     os.chdir(own)
     os.environ["PYTHONPATH"] = str(own)
-    if kernel:
-        os.environ["RNC_PIN_KERNEL"] = kernel
+    sys.path[:] = [str(own), *(each for each in sys.path if Path(each).resolve() != ROOT)]
+    os.environ.update({"RNC_PIN_KERNEL": kernel} if kernel else {})
+    for each in LIBRARIES:
+        import_module(each)
 
 
-def _test(mutant: MutationSpec, tests: list[str], timeout: float) -> WorkResult:
-    if not tests:
-        return WorkResult(
-            test_outcome=TestOutcome.SURVIVED, diff="no test executes this line", worker_outcome=WorkerOutcome.NO_TEST
-        )
-    command = [sys.executable, "-m", "pytest", "-q", "-x", "-n", "0", "-p", "no:cacheprovider", "-p", "no:cov", *tests]
-    return mutate_and_test([mutant], shlex.join(command), timeout)
+def _test(mutant: MutationSpec, tests: list[str], timeout: float) -> Outcome:
+    operator = get_operator(mutant.operator_name)(**mutant.operator_args)
+    with use_mutation(mutant.module_path, operator, mutant.occurrence) as texts:
+        child = multiprocessing.get_context("fork").Process(target=_run, args=(tests,))
+        child.start()
+        child.join(timeout)
+        child.kill()
+        child.join()
+    path, lines = str(mutant.module_path), (text.splitlines() for text in texts)
+    return child.exitcode, "\n".join(difflib.unified_diff(*lines, path, path, lineterm=""))
+
+
+def _run(tests: list[str]) -> None:
+    sys.dont_write_bytecode = True  # of a mutant
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    os._exit(pytest.main(["-q", "-x", "-n", "0", "-p", "no:cacheprovider", "-p", "no:cov", *tests]) if tests else 0)
 
 
 def measure(tree: Path, tests: Iterable[str], jobs: int) -> None:
     """Copy this tree, enter the copy, and run tests without a mutant: tests.xml and .coverage are written there.
 
     Raises:
-        SystemExit: a test fails.
+        SystemExit: the tests cannot be run.
     """
     for name in COPIED:
         (tree / name).parent.mkdir(parents=True, exist_ok=True)
         (shutil.copytree if (ROOT / name).is_dir() else shutil.copy2)(ROOT / name, tree / name)
     os.environ.update({"PYTHONPATH": str(tree), "OPENBLAS_NUM_THREADS": "1"})
     os.chdir(tree)
-    options = "-q -x -p no:cacheprovider --cov=rnc_pin --cov-context=test --cov-report= --junitxml=tests.xml"
+    options = "-q -p no:cacheprovider --cov=rnc_pin --cov-context=test --cov-report= --junitxml=tests.xml"
     workers = ["-n", str(jobs)]  # without a worker, pytest-cov records no test with its lines
     command = [sys.executable, "-m", "pytest", *options.split(), *workers, *tests]
-    if subprocess.run(command, check=False).returncode:
-        raise SystemExit("the tests fail without a mutant")
+    if subprocess.run(command, check=False).returncode not in (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED):
+        raise SystemExit("the tests cannot be run")
 
 
 def lower_bound(killed: int, drawn: int) -> float:
@@ -208,16 +221,15 @@ def main() -> None:
         score: defaultdict[str, list[int]] = defaultdict(lambda: [0, 0])
         endless, tried_again = [], []
         timeout = given.timeout or 3.0 * given.patience + START_UP
-        for mutant, result in outcomes(meeting(sample, given.patience), tree, timeout, given.jobs):
-            survived = result.test_outcome is TestOutcome.SURVIVED
+        for mutant, (status, diff) in outcomes(meeting(sample, given.patience), tree, timeout, given.jobs):
             for name in (mutant.module_path.parent.name, "all"):
-                score[name][0] += not survived
+                score[name][0] += status != 0
                 score[name][1] += 1
-            if result.output == "timeout":  # Cosmic Ray's word for tests that were ended
+            if status == -signal.SIGKILL:
                 endless.append(f"{mutant.module_path}:{mutant.start_pos[0]} ({mutant.operator_name})")
-            if survived:
+            if status == 0:
                 tried_again.append(mutant)
-                print(f"survives the first stage:\n{result.diff}\n", file=sys.stderr)
+                print(f"survives the first stage:\n{diff}\n", file=sys.stderr)
             print("{} of {} killed".format(*score["all"]), file=sys.stderr)
         first = score["all"][0]
         more = meeting(tried_again, MORE * given.patience)
@@ -225,8 +237,8 @@ def main() -> None:
         for mutant in tried_again:
             for name in (mutant.module_path.parent.name, "all"):
                 score[name][0] += not any(mutant is other for other, _ in left)
-        for _, result in left:
-            print(f"survives:\n{result.diff}\n", flush=True)
+        for _, (_, diff) in left:
+            print(f"survives:\n{diff}\n", flush=True)
         print(f"first stage: {first} of {len(sample)} killed; second stage: {len(tried_again) - len(left)} more")
     for name, (killed, count) in sorted(score.items()):
         print(f"{name}: {killed} of {count} killed, {100 * killed / count:.1f} %")

@@ -167,9 +167,8 @@ def beside(robot: rnc.Robot, goal: np.ndarray, here: list[float]) -> None:
         "start": _START,
         "nodes": _NODES,
     }
-    done = subprocess.run(
-        [interpreter, str(_SCRIPT)], input=json.dumps(problem), text=True, capture_output=True, check=False
-    )
+    command = [interpreter, str(_SCRIPT)]
+    done = subprocess.run(command, input=json.dumps(problem), text=True, capture_output=True, check=False)
     if done.returncode:
         print(f"  Crocoddyl is missing: {interpreter}: {done.stderr.strip().splitlines()[-1]}")
         return

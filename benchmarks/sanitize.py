@@ -34,9 +34,8 @@ sys.exit(pytest.main(["-q", "-p", "no:cacheprovider", *sys.argv[2:]]))
 def runtime(name: str) -> str:
     """Path of a library of the compiler, which has to be loaded before Python."""
     compiler = os.environ.get("CC", "cc")
-    return subprocess.run(
-        [compiler, f"-print-file-name={name}"], capture_output=True, text=True, check=True
-    ).stdout.strip()
+    command = [compiler, f"-print-file-name={name}"]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
 
 
 def main(tests: list[str]) -> int:

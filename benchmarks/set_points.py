@@ -233,9 +233,8 @@ def faulty_plant(case: Case, seed: int) -> FaultyPlant:
     for body in wrong.robot.model.inertias:
         body.mass *= WRONG
         body.inertia *= WRONG
-    return FaultyPlant(
-        rnc.ReducedPlant(wrong), rnc.Faults(position_noise=NOISE, velocity_noise=NOISE, delay=1), wrong, seed=seed
-    )
+    faults = rnc.Faults(position_noise=NOISE, velocity_noise=NOISE, delay=1)
+    return FaultyPlant(rnc.ReducedPlant(wrong), faults, wrong, seed=seed)
 
 
 def run(name: str, setting: Setting, seed: int) -> Result:

@@ -83,9 +83,8 @@ def panda() -> rnc.ReducedModel:
 
 def mecanum_arm() -> rnc.ReducedModel:
     """The arm on a base that moves in any direction, as one on Mecanum wheels does."""
-    robot = rnc.Robot.from_example(
-        "panda", base="planar", lock={"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}
-    )
+    lock = {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}
+    robot = rnc.Robot.from_example("panda", base="planar", lock=lock)
     return rnc.NonholonomicSystem(robot, []).reduce()
 
 

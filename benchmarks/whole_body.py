@@ -156,9 +156,8 @@ def main() -> None:
     box = [limits.JointPositionLimit(), limits.JointVelocityLimit(), limits.AccelerationLimit(5.0)]
     distances = CollisionDistances(reduced.robot, q0=q0)
     apart = np.sort(distances.at(q0, within=1.0).distance)
-    near = limits.CollisionAvoidance(
-        q0=q0, influence=max(limits.CollisionAvoidance().influence, 1.001 * apart[PAIRS - 1])
-    )
+    influence = max(limits.CollisionAvoidance().influence, 1.001 * apart[PAIRS - 1])
+    near = limits.CollisionAvoidance(q0=q0, influence=influence)
     active = len(distances.at(q0, within=near.influence).pairs)
     cases = {"daqp": (box, True), "daqp, cold": (box, False)}
     cases[f"daqp, with collisions, {active} active pairs at the start"] = ([*box, near], True)

@@ -64,10 +64,8 @@ def _compare(path: Path) -> None:
     print("processor time of a sample in Python, least of rounds; largest error of the hand; largest use of limits")
     for braking in (None, 2.0):
         given = [limits.JointPositionLimit(), limits.JointVelocityLimit()]
-        program = InverseDynamicsQP(
-            reduced, [follow, posture], given, dt=_DT, velocity_gain=_RATE, braking_time=braking
-        )
-        used, efforts = min((_run(program, reduced, q0) for _ in range(_ROUNDS)), key=lambda each: each[0])
+        qp = InverseDynamicsQP(reduced, [follow, posture], given, dt=_DT, velocity_gain=_RATE, braking_time=braking)
+        used, efforts = min((_run(qp, reduced, q0) for _ in range(_ROUNDS)), key=lambda each: each[0])
         verified = "" if braking is None else ", with a verified braking motion"
         _report(f"here{verified}", used, efforts, reduced, wanted)
     problem = {
@@ -90,9 +88,8 @@ def _compare(path: Path) -> None:
         if not interpreter:
             print(f"{peer} is missing: {variable} names no interpreter of an environment that has it")
             continue
-        done = subprocess.run(
-            [interpreter, str(_SCRIPT), peer], input=json.dumps(problem), text=True, capture_output=True, check=False
-        )
+        command = [interpreter, str(_SCRIPT), peer]
+        done = subprocess.run(command, input=json.dumps(problem), text=True, capture_output=True, check=False)
         if done.returncode:
             print(f"{peer} is missing: {interpreter}: {done.stderr.strip().splitlines()[-1]}")
             continue

@@ -82,9 +82,7 @@ def capsize_speed() -> float:
 def released(speed: float, duration: float, size: float) -> np.ndarray:
     """State (4,) over the lean rate [rad/s] that the nonlinear bicycle is let go with."""
     reduced, q = bicycle(), upright()
-    run = rnc.free_motion(
-        reduced, q, np.array([size, 0.0, speed / REAR]), duration, dt=duration, tolerance=(1e-13, 1e-15)
-    )
+    run = rnc.free_motion(reduced, q, [size, 0.0, speed / REAR], duration, dt=duration, tolerance=(1e-13, 1e-15))
     return np.array([run.x1[-1, 0], run.q[-1, 9], run.v2[-1, 0], run.v2[-1, 1]]) / size
 
 

@@ -73,9 +73,7 @@ def rows() -> list[Row]:
         return [x[1], (GRAVITY - SHAKEN * RATE**2 * np.cos(RATE * t)) / LENGTH * np.sin(x[0])]
 
     times = run.time
-    angle = scipy.integrate.solve_ivp(rates, (0.0, times[-1]), [TILT, 0.0], "DOP853", times, rtol=1e-13, atol=1e-13).y[
-        0
-    ]
+    angle = scipy.integrate.solve_ivp(rates, (0, times[-1]), [TILT, 0.0], "DOP853", times, rtol=1e-13, atol=1e-13).y[0]
     # Mathieu's equation x'' + (A - 2 q cos 2s) x = 0 has A = -4 g / (l rate^2) and q = 2 amplitude / l.
     q = scipy.optimize.brentq(lambda q: scipy.special.mathieu_b(1, q), 0.5, 1.2, xtol=1e-14)
     least = 0.5
