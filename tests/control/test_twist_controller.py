@@ -6,7 +6,7 @@ import pytest
 
 import rnc_pin as rnc
 from driven_bases import KINDS, RADIUS, STEERING_RATE, KinematicPlant, drafted_model, tricycle, turret
-from rnc_pin.control import TwistController
+from rnc_pin.control import TwistController, twist_controller
 from rnc_pin.control.actuator_velocity import velocity_from_actuators
 from systems import ackermann_car, bicycle, fire_truck, spinning_space_robot
 from textbook_systems import differential_drive
@@ -334,6 +334,13 @@ def test_the_nearest_twist_within_limits_of_angle_beats_all_others(seed):
     for other in wanted + spread:
         if np.linalg.norm(scale * (other - wanted)) < distance - 1e-6:
             assert not rolls_within(other, name, 1.0)
+
+
+def test_of_more_wheels_than_vehicles_have_only_the_favoured_rolling_is_tried():
+    favoured = np.array([3.0, -1.0, 2.0, 0.0, -4.0, -5.0, 1.0])
+    (signs,) = twist_controller._choices(favoured)
+    assert signs.tolist() == [1, -1, 1, 1, -1, -1, 1]
+    assert {tuple(each) for each in twist_controller._choices(favoured[:2])} == {(1, 1), (1, -1), (-1, 1), (-1, -1)}
 
 
 def test_a_tight_turn_stops_at_the_limit_of_the_angle():

@@ -65,6 +65,7 @@ test_mistakes_are_refused_in_one_line = refused([
     (lambda: path((1, 0, 0), via=[(0, 1)]), WRONG, "via pose of a path"),
     (lambda: path((1, 0, 0), max_steering=np.pi / 2), WRONG, "between 0 and pi/2, found 5, 1 and 1.5708"),
     (lambda: path((1, 0, 0), max_steering=0.0), WRONG, "largest steering angle"),
+    (lambda: path((1, 0, 0), max_steering=-0.5), WRONG, "largest steering angle"),
     (lambda: path((1, 0, 0), start=(0.0, 0.0)), WRONG, r"start of a path: expected x, y and .*, found \[0.0, 0.0\]"),
     (lambda: path((1, 0, 0), duration=0.0), WRONG, "found 0, 1 and 0.785398"),
     (lambda: path((1, 0, 0), wheelbase=0.0), WRONG, "found 5, 0 and 0.785398"),

@@ -202,6 +202,7 @@ def test_hard_limits_that_a_drift_violates_are_reported_and_raise_nothing():
     ({"box": {"x": (-0.5, 0.6), "y": (-0.4, 0.5)}}, [0.6, 0.5]),
     ({"polygon": [(-1.0, -1.0), (1.0, -1.0), (0.0, 1.0)]}, None),
     ({"polygon": [(0.0, 1.0), (1.0, -1.0), (-1.0, -1.0)]}, None),
+    ({"polygon": [(-0.5, -0.4), (0.6, -0.4), (0.6, 0.5), (-0.5, 0.5)]}, [0.6, 0.5]),
 ])  # fmt: skip
 def test_a_frame_stays_in_its_region(region, corner):
     """The tip is drawn to a point outside; it ends at the nearest point of the region."""
