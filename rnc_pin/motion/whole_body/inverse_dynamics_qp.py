@@ -347,7 +347,7 @@ class InverseDynamicsQP(WholeBodyProgram):
         far = not found.unsolved and self._reduced.evaluator.far_within(
             (state, sample.end), v2, T, sample.time, self.dt, (motion.rows, motion.lower, motion.upper)
         )
-        for _ in range(0 if far or found.unsolved else _CORRECTIONS + 1):
+        for _ in range(0 if far or found.unsolved or not len(rows.lower) else _CORRECTIONS + 1):
             end = self._end(state, program.efforts(found.unknowns))
             reached, averaged = rows.jacobian @ end.v, self._limits.averaged[motion.places]
             mean = np.where(averaged, rows.jacobian @ self._mean_velocity(state, end), reached)

@@ -7,6 +7,7 @@ import pytest
 import rnc_pin as rnc
 import systems
 from bodies import add_body, add_frame
+from rnc_pin import _kernel
 from rnc_pin.control import ControlSample, InverseDynamicsQP, limits, tasks
 from rnc_pin.motion.planning import Hold, MinimumJerk
 from rnc_pin.motion.whole_body import task_hierarchy
@@ -168,9 +169,12 @@ def test_the_pyramid_of_friction_touches_its_cone_at_eight_edges():
         np.testing.assert_allclose(side + opposite, 2 * 0.3 * np.cos(np.pi / 8) * normal, atol=1e-12)
 
 
-def test_fewer_actuators_than_motions_need_nothing_special():
+@pytest.mark.parametrize("compiled", [True, False])
+def test_fewer_actuators_than_motions_need_nothing_special(compiled, monkeypatch):
     """Two wheels and three motions: the speeds that the wheels can give are followed, whatever the pitch does."""
     reduced = wheeled_pendulum()
+    if not compiled:  # nor are there limits of motion
+        monkeypatch.setattr(reduced.evaluator, "calls", _kernel.NUMPY_ALONE)
     turn = tasks.OutputTask(rnc.FrameYaw("base"), MinimumJerk([0.0], [1.0], 1.0), gain=GAIN)
     controller = InverseDynamicsQP(reduced, [turn], dt=DT)
     run = rnc.simulate(reduced, controller, reduced.robot.configuration(), 1.0, dt=DT)
