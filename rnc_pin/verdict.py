@@ -18,6 +18,8 @@ from rnc_pin.printing import Item, ObjectSummary, SummaryMixin, printed
 
 SHORTFALL = 1e-4
 """Shortfall of a clearance, or excess over a limit of a program, that counts [m, rad, and per second]."""
+GOAL_TOLERANCE = 0.02
+"""Error at the end of a run above which a goal is missed, where nothing else is stated [m, rad, and per second]."""
 MOSTLY = 0.5
 """Share of a run under fallback commands, unsolved programs or old motions, above which it fails."""
 

@@ -79,7 +79,7 @@ class Controller(Protocol):
 
     The measurement has q (nq,), v2 (r,), the outputs x1 (k,) and x2 (r,), A_star (k, r), and more; see ``Measurement``.
     ``describe()`` is optional: type and gains for the record of a run. So are ``findings(state, samples)`` and
-    ``missed_goals(q, v2)``, which add to its verdict.
+    ``missed_goals(t, q, v2)``, which add to its verdict.
 
     Example:
         >>> class Brake:
@@ -342,7 +342,7 @@ class Nesting(Protocol):
 class Ending(Protocol):
     """Controller that tells which of its goals a run has missed that ends in a state."""
 
-    def missed_goals(self, q: Float[Array, " nq"], v2: Float[Array, " r"]) -> Iterable[MissedGoal]: ...
+    def missed_goals(self, t: float, q: Float[Array, " nq"], v2: Float[Array, " r"]) -> Iterable[MissedGoal]: ...
 
 
 @runtime_checkable
@@ -396,16 +396,19 @@ def findings_of(controller: object, state: State, samples: int) -> tuple[Finding
     return tuple(finding for each in judging for finding in each.findings(state, samples))
 
 
-def missed_goals(controller: object, q: Float[Array, " nq"], v2: Float[Array, " r"]) -> tuple[MissedGoal, ...]:
+def missed_goals(
+    controller: object, t: float, q: Float[Array, " nq"], v2: Float[Array, " r"]
+) -> tuple[MissedGoal, ...]:
     """Goals that a controller, or the one within it as its ``target``, has missed if a run ends in a state.
 
     Args:
         controller: any controller; one without ``missed_goals`` has none.
+        t: time of the end [s].
         q: configuration (nq,).
         v2: reduced velocity (r,).
     """
     found = next((each for each in nested(controller) if isinstance(each, Ending)), None)
-    return () if found is None else tuple(found.missed_goals(q, v2))
+    return () if found is None else tuple(found.missed_goals(t, q, v2))
 
 
 def limited_accelerations(controller: object) -> tuple[LimitedAcceleration, ...]:

@@ -21,7 +21,7 @@ from rnc_pin.simulation.limit_replay import ROUNDING, Clearance, LimitReplay, Li
 from rnc_pin.simulation.record import blocks
 from rnc_pin.simulation.run_data import RunData
 from rnc_pin.simulation.run_info import FORCE_UNITS, Outcome
-from rnc_pin.verdict import MOSTLY, SHORTFALL, Finding, FindingKind, Severity, Verdict
+from rnc_pin.verdict import GOAL_TOLERANCE, MOSTLY, SHORTFALL, Finding, FindingKind, Severity, Verdict
 
 if TYPE_CHECKING:  # a run without friction of the ground starts without it
     from rnc_pin.analysis import Grip
@@ -45,7 +45,7 @@ def judge(
     replay: LimitReplay | None = None,
     *,
     goal_errors: Mapping[str, float] | None = None,
-    goal_tolerance: float = 0.02,
+    goal_tolerance: float = GOAL_TOLERANCE,
     grip: Grip | None = None,
     reduced: ReducedModel | None = None,
     more: Iterable[Finding] = (),
@@ -74,14 +74,13 @@ def judge(
         >>> print(missed.word, "-", missed.first)
         failed - the goal of place is missed by 0.3, allowed is 0.02
     """
-    completed = run.outcome is Outcome.COMPLETED
     findings = [
         *_end(run),
         *_finite(run),
         *_fallback(run),
         *run.info.findings,
         *_integration(run),
-        *(_goals(run, goal_errors or {}, goal_tolerance) if completed else ()),
+        *missed_goal_findings(run, MissedGoal.of_errors(goal_errors or {}, goal_tolerance)),
         *(() if replay is None else map(_exceeded, replay.violations)),
         *_contacts(run, grip, reduced),
         *(() if replay is None else _saturation(run, replay)),
@@ -151,13 +150,6 @@ def _integration(run: RunData) -> Iterator[Finding]:
     )
     severity = Severity.NOTE if found.enough == found.substeps else Severity.DEGRADES
     yield Finding(FindingKind.INTEGRATION, "plant", found.rate, "1/s", None, severity, message)
-
-
-def _goals(run: RunData, errors: Mapping[str, float], tolerance: float) -> Iterator[Finding]:
-    for name, error in errors.items():
-        if not error <= tolerance:
-            message = f"the goal of {name} is missed by {error:.3g}, allowed is {tolerance:g}"
-            yield Finding(FindingKind.GOAL, name, error, "m or rad", float(run.time[-1]), Severity.FAILS, message)
 
 
 def _exceeded(use: LimitUse) -> Finding:
@@ -353,7 +345,7 @@ def missed_goal_findings(run: RunData, missed: Sequence[MissedGoal]) -> list[Fin
     """
     found = []
     for name, error, tolerance, reason in missed if run.outcome is Outcome.COMPLETED else ():
-        message = f"the set point of {name} is missed by {error:.3g}, allowed is {tolerance:g}"
+        message = f"the goal of {name} is missed by {error:.3g}, allowed is {tolerance:g}"
         message += f": {reason}" if reason else ""
         found.append(Finding(FindingKind.GOAL, name, error, "m or rad", float(run.time[-1]), Severity.FAILS, message))
     return found

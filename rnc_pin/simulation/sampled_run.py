@@ -349,7 +349,8 @@ class SampledRun:
         )
         run = derive(self.record, info)
         # Asked now: the controller may be used again before somebody asks for the verdict.
-        missed = missed_goals(self.controller, run.q[-1], run.v2[-1]) if len(run.time) else ()
+        ended = outcome is run_info.Outcome.COMPLETED
+        missed = missed_goals(self.controller, float(run.time[-1]), run.q[-1], run.v2[-1]) if ended else ()
         return replace(run, grounds=Grounds(self._reduced, self._accelerations, tuple(missed)))
 
     def _fallback_use(self) -> run_info.FallbackUse | None:

@@ -17,7 +17,6 @@ from rnc_pin.applications.scenario.controllers import ControllerContext
 from rnc_pin.applications.scenario.controllers.base import reduced_velocity
 from rnc_pin.applications.scenario.controllers.feedback import check_output_names
 from rnc_pin.applications.scenario.controllers.tracking import VelocityTrackerSettings
-from rnc_pin.applications.scenario.controllers.whole_body import TaskGoals
 from rnc_pin.applications.scenario.plan_builder import Plans, Start, plan_path, planned_path, task_references
 from rnc_pin.applications.scenario.schema import ScenarioFile, SimulationSettings
 from rnc_pin.applications.scenario.schema.world import build_obstacles
@@ -111,8 +110,6 @@ class Experiment:
     """Optimal motion of ``planner``."""
     references: Mapping[str, Reference] = field(default_factory=dict)
     """References of the task by role: ``primary``, ``redundant``, ``vertical``."""
-    goals: TaskGoals | None = None
-    """Goals of whole-body tasks."""
     ends: Mapping[str, float] = field(default_factory=dict)
     """Values at which references or the plan end after the run, by output."""
     model_warnings: tuple[str, ...] = ()
@@ -232,7 +229,6 @@ def build_experiment(
         ),
         plan=motion,
         references=references,
-        goals=built.goals,
         ends=_later_ends(scenario, context),
     )
 

@@ -65,10 +65,12 @@ def judged_summary(
     shortfall = chosen.tolerance if isinstance(chosen, SetPointSettings) else SHORTFALL  # of where it rests
     ended = goals and run.outcome is Outcome.COMPLETED
     errors = _goal_errors(experiment, run, summary) if ended else {}
+    # Goals of a whole-body program are among the errors.
+    missed = () if run.grounds is None or experiment.program is not None else run.grounds.missed
     more = [
         *experiment.findings,
         *(_unfinished(experiment, run) if ended else ()),
-        *(missed_goal_findings(run, run.grounds.missed) if goals and run.grounds is not None else ()),
+        *(missed_goal_findings(run, missed) if goals else ()),
         *(() if replay is None else distance_findings(replay, asked, shortfall)),
     ]
     verdict = judge(
@@ -90,7 +92,7 @@ def judged_summary(
         summary["limits_gave_way"] = excluded
     if goals:
         summary["goal_tolerance"] = scenario.goal_tolerance
-        if errors and (experiment.goals is not None or scenario.planner is not None):
+        if errors and (experiment.program is not None or scenario.planner is not None):
             summary["goal_error"] = errors
         beyond = {name: error for name, error in errors.items() if not error <= scenario.goal_tolerance}
         if beyond:
@@ -130,13 +132,11 @@ def _off_tracking(experiment: Experiment, configurations: np.ndarray) -> float |
 
 def _goal_errors(experiment: Experiment, run: Trajectory, summary: Summary) -> dict[str, float]:
     """Errors of the goals at the end by name: those of whole-body tasks, of a planner, or the ends of references."""
-    errors: dict[str, float] = {}
-    for goal in () if experiment.goals is None else experiment.goals.errors(float(run.time[-1]), run.q[-1], run.v[-1]):
-        for name, error in goal.errors.items():
-            errors[name] = max(error, errors.get(name, 0.0))
+    if (program := experiment.program) is not None:
+        return program.goal_errors(float(run.time[-1]), run.q[-1], run.v[-1])
     planner, plan = experiment.scenario.planner, experiment.plan
-    if experiment.goals is not None or planner is None or plan is None or not planner.goal:
-        return errors if experiment.goals is not None else dict(summary["final_error"])
+    if planner is None or plan is None or not planner.goal:
+        return dict(summary["final_error"])
     if run.time[-1] < plan.duration - experiment.simulation.dt:  # ``ends`` has the goal
         return {name: error for name, error in summary["final_error"].items() if name in planner.goal}
     # What moves at its goal goes on after it.

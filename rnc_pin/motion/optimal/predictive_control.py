@@ -217,12 +217,13 @@ class PredictiveController(DescribedMixin):
         message = f"{what} were late or failed: its last motion went on"
         return (Finding(FindingKind.FALLBACK, "predictive controller", share, "", None, severity, message),)
 
-    def missed_goals(self, q: Float[Array, " nq"], v2: Float[Array, " r"]) -> tuple[MissedGoal, ...]:
+    def missed_goals(self, t: float, q: Float[Array, " nq"], v2: Float[Array, " r"]) -> tuple[MissedGoal, ...]:
         """Rows of the set point that a run misses which ends in this state, for its verdict.
 
         Set points of quadratic costs count only for a robot at rest: it stalls.
 
         Args:
+            t: time [s].
             q: configuration (nq,).
             v2: reduced velocity (r,).
         """

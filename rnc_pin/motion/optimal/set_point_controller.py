@@ -157,10 +157,11 @@ class SetPointController(DescribedMixin):
     def _settings(self) -> Mapping[str, object]:
         return {name: getattr(self, name) for name in self.described}
 
-    def missed_goals(self, q: Float[Array, " nq"], v2: Float[Array, " r"]) -> tuple[MissedGoal, ...]:
+    def missed_goals(self, t: float, q: Float[Array, " nq"], v2: Float[Array, " r"]) -> tuple[MissedGoal, ...]:
         """Rows of the goal that a run misses which ends in this state, for its verdict.
 
         Args:
+            t: time [s].
             q: configuration (nq,).
             v2: reduced velocity (r,).
         """

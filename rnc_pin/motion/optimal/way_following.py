@@ -71,7 +71,7 @@ class WayFollower(DescribedMixin):
         >>> state = controller.initial_state(measured)
         >>> for k in range(3):
         ...     target, state = controller.step(0.1 * k, measured, state)
-        >>> round(state.speed, 3), controller.missed_goals(way.q[-1], np.zeros(3))
+        >>> round(state.speed, 3), controller.missed_goals(0.3, way.q[-1], np.zeros(3))
         (0.2, ())
     """
 
@@ -104,10 +104,11 @@ class WayFollower(DescribedMixin):
         if len(self._v):  # the robot is there otherwise
             self._gains = self._gains_along()
 
-    def missed_goals(self, q: Float[Array, " nq"], v2: Float[Array, " r"]) -> tuple[MissedGoal, ...]:
+    def missed_goals(self, t: float, q: Float[Array, " nq"], v2: Float[Array, " r"]) -> tuple[MissedGoal, ...]:
         """Joints that are away from the end of the way if a run ends in this state, for its verdict.
 
         Args:
+            t: time [s].
             q: configuration (nq,).
             v2: reduced velocity (r,).
         """

@@ -20,7 +20,13 @@ from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.motion.whole_body.braking_motion import BrakedSample, Braking, BrakingState
 from rnc_pin.motion.whole_body.limit_stack import ContactBounds, ContactCones, ProgramBounds
 from rnc_pin.motion.whole_body.limits.control_limit import ControlLimit, ControlSample, LimitRows, known_state
-from rnc_pin.motion.whole_body.task_hierarchy import RelaxedSolution, SampledDamping, TaskLevels, solve_within
+from rnc_pin.motion.whole_body.task_hierarchy import (
+    MotionBasis,
+    RelaxedSolution,
+    SampledDamping,
+    TaskLevels,
+    solve_within,
+)
 from rnc_pin.motion.whole_body.tasks import ControlTask
 from rnc_pin.motion.whole_body.whole_body_program import SampleCount, WholeBodyProgram
 from rnc_pin.verdict import SHORTFALL, Finding, FindingKind, Severity
@@ -57,31 +63,30 @@ class InverseDynamicsState(NamedTuple):
 class _SampleProgram(NamedTuple):
     """Limits of a sample and the effect of its inputs T, in unknowns y beside the contact forces.
 
-    v2 at the end is ``still + motion y``, and ``T = resting + inputs y``. The columns of ``motion`` are unit vectors:
-    the cost of an unknown is that of a velocity. Without ``motion``, y is v2.
+    v2 at the end is ``still + motion y``, and ``T = resting + inputs y``. The columns of ``motion`` are orthonormal by
+    ``MotionMetric``: the cost of an unknown is that of a motion.
     """
 
     sample: ControlSample
     rows: LimitRows
     contacts: ContactBounds
-    motion: Float[Array, "r p"] | None
+    of_v2: Float[Array, "r r"]
+    motion: Float[Array, "r p"]
     still: Float[Array, " r"]
     inputs: Float[Array, "p p"]
     resting: Float[Array, " p"]
 
     def velocity(self, unknowns: Array) -> Array:
         """v2 (r,) at the end."""
-        y = unknowns[: len(self.resting)]
-        return y if self.motion is None else self.still + self.motion.dot(y)
+        return np.asarray(self.still + self.motion.dot(unknowns[: len(self.resting)]))
 
     def efforts(self, unknowns: Array) -> Array:
         """Inputs T (p,)."""
         return np.asarray(self.resting + self.inputs.dot(unknowns[: len(self.resting)]))
 
-    def on_unknowns(self, rows: Array) -> tuple[Array, Array | float]:
+    def on_unknowns(self, rows: Array) -> tuple[Array, Array]:
         """Rows (k, r) on v2 as rows (k, x) on all unknowns, and what ``still`` adds to them (k,)."""
-        moved, still = (rows, 0.0) if self.motion is None else (rows.dot(self.motion), rows.dot(self.still))
-        return self.beside_contacts(moved), still
+        return self.beside_contacts(rows.dot(self.motion)), rows.dot(self.still)
 
     def beside_contacts(self, rows: Array, contacts: float | Array = 0.0) -> Array:
         """Rows (k, x) on y and contact forces, from both parts."""
@@ -90,21 +95,22 @@ class _SampleProgram(NamedTuple):
         return np.hstack([rows, np.broadcast_to(contacts, (len(rows), self.contacts.unknowns))])
 
 
-def _unknowns(gain: Array) -> tuple[Array | None, Array]:
+def _unknowns(gain: Array, basis: MotionBasis) -> tuple[Array, Array]:
     """Velocities (r, p) and inputs (p, p) of unit unknowns: orthonormal columns, or zero for those that move nothing.
 
     Args:
         gain: velocities (r, p) of the inputs.
+        basis: unknowns of the metric.
     """
     r, p = gain.shape
     if p == r:  # the unknowns can be the velocities themselves
         inverted = inverse(gain)
         if np.vdot(inverted, inverted) * np.vdot(gain, gain) * _NO_EFFECT**2 < 1.0:  # bounds the singular values
-            return None, inverted
-    left, values, right = np.linalg.svd(gain)
+            return basis.to_v2, inverted.dot(basis.to_v2)
+    left, values, right = np.linalg.svd(basis.of_v2 @ gain)
     rank = int((values > _NO_EFFECT * values.max(initial=0.0)).sum())
     motion, inputs = np.zeros((r, p)), right.T.copy()
-    motion[:, :rank] = left[:, :rank]
+    motion[:, :rank] = basis.to_v2 @ left[:, :rank]
     inputs[:, :rank] /= values[:rank]
     return motion, inputs
 
@@ -187,7 +193,7 @@ class InverseDynamicsQP(WholeBodyProgram):
         self._contacts, self._integrator = ContactCones(reduced, friction), LieRungeKutta4(reduced.robot)
         efforts = reduced.actuation.limits
         limited = np.flatnonzero(np.isfinite(efforts))
-        self._limited, self._efforts, self._identity = as_slice(limited), efforts[limited], np.eye(reduced.r)
+        self._limited, self._efforts = as_slice(limited), efforts[limited]
         self._unbounded = np.full(len(self._contacts.names), -np.inf)
         self.limit_names = (
             *self._limits.names,
@@ -316,13 +322,13 @@ class InverseDynamicsQP(WholeBodyProgram):
         sample = ControlSample(self._reduced, t, q, v2, self.dt)
         state = sample.start
         effects, adverse = state.input_accelerations
-        motion, inputs = _unknowns(self.dt * effects)
-        moved = offset = state.v2 + self.dt * adverse
-        if motion is not None:
-            moved = motion.T @ offset
-            offset = offset - motion @ moved
+        basis = self._metric.basis(sample.end.R)
+        motion, inputs = _unknowns(self.dt * effects, basis)
+        offset = state.v2 + self.dt * adverse
+        moved = basis.of_v2.dot(motion).T.dot(basis.of_v2.dot(offset))
         limits = self._limits.rows(sample), self._contacts.at(state)
-        return _SampleProgram(sample, *limits, motion, offset, inputs, -inputs.dot(moved))
+        still = offset - motion.dot(moved)
+        return _SampleProgram(sample, *limits, basis.of_v2, motion, still, inputs, -inputs.dot(moved))
 
     def _solved(
         self, program: _SampleProgram, levels: TaskLevels, sampled: SampledDamping, multipliers: Array | None
@@ -330,8 +336,8 @@ class InverseDynamicsQP(WholeBodyProgram):
         """Solve the levels within the limits, which hold for the velocity that the dynamics give at the end."""
         sample, rows = program.sample, program.rows
         state, motion = sample.start, self._limits.bounds(sample, rows)
-        slower = self._decay * state.v2[None]  # computed torque, which carries the load
-        rest = program.on_unknowns(slower)[0][0]
+        slower = self._decay * program.of_v2.dot(state.v2)  # computed torque, which carries the load
+        rest = program.on_unknowns(slower.dot(program.of_v2)[None])[0][0]
 
         def solved(limits: ProgramBounds, last: RelaxedSolution | None = None) -> RelaxedSolution:
             given, start = (
@@ -425,11 +431,10 @@ class InverseDynamicsQP(WholeBodyProgram):
         """Tasks on the unknowns, and their damping; the last level brings the rest of the motion to rest."""
         start, decay = program.sample.start, self._decay
         v2, now = start.v2, ControlSample(self._reduced, t, start.q, start.v2, 0.0, start)
-        tasks = self._tasks.at(program.sample)
-        J = np.concatenate([tasks.jacobian, self._identity])
-        rows, still = program.on_unknowns(J)
-        rate = np.concatenate([tasks.rate + decay * self._tasks.ahead(now), decay * v2])
-        return TaskLevels(rows, rate - still, tasks.ends), self._tasks.damping(self.dt, J)
+        tasks, sampled = self._tasks.at(program.sample)
+        rows, still = program.on_unknowns(np.concatenate([tasks.jacobian, program.of_v2]))
+        rate = np.concatenate([tasks.rate + decay * self._tasks.ahead(now), decay * program.of_v2.dot(v2)])
+        return TaskLevels(rows, rate - still, tasks.ends), sampled
 
     def _bounds(self, limits: ProgramBounds, program: _SampleProgram) -> ProgramBounds:
         """Limits of motion, of efforts and of the ground, on the unknowns."""

@@ -13,17 +13,20 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 from numpy import ndarray as Array
 
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float, Int
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.math.convex_programs import nearest_point
-from rnc_pin.math.linear_algebra import as_slice
+from rnc_pin.math.linear_algebra import as_slice, inverse
+from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.motion.whole_body.limit_stack import LimitStack, ProgramBounds
 from rnc_pin.motion.whole_body.limits.control_limit import ControlSample
 from rnc_pin.motion.whole_body.tasks import BoundOutput, ControlTask, OutputsTogether
+from rnc_pin.robots.joint_values import limited_positions
 
 _SAMPLED_DAMPING = 2.0  # the inverse of the largest factor per sample
 _RANK = 1e-8  # singular value, relative to the rows of the level, below which a direction is free
@@ -36,6 +39,86 @@ _SLOW = 0.2  # of the speed of lower levels at which a null space turns by half 
 _LEAST_SHARE = 1e-9  # of a direction that lower levels may use, below which they do not see it
 _SECANT = 1e-6  # relative error of the damping
 _ITERATIONS = 20  # of the damping of a level; four or five are enough
+_WHEEL = 1e-3  # cost of the turns of a wheel, relative to those of other joints
+_SAME = 1e-9  # change of constraint rows that is rounding
+
+
+class MotionBasis(NamedTuple):
+    """Unknowns u for reduced velocities v2: ``|u|`` is the size of a motion."""
+
+    to_v2: Float[Array, "r r"]
+    """v2 of unknowns."""
+    of_v2: Float[Array, "r r"]
+    """Unknowns of v2."""
+
+
+class MotionMetric:
+    """Size of a velocity v of the robot, whatever the reduced velocities are: ``|v|^2 = sum_i c_i^2 v_i^2``.
+
+    c_i is 1 for rotations, and 1 / Lambda for translations, with the longest lever Lambda of a joint at full stretch.
+    The turns of a wheel cost nearly nothing beside the motion of its base, since nothing depends on its angle.
+
+    A task of positions x has rows whose column J_i is the lever of velocity i. Let Omega_j be the angular velocity of
+    the link that joint j moves, Omega_p that of the link that carries the joint, and delta_j the velocity of x that the
+    joint itself causes. At constant rates of the joints between x and the world,
+
+        x'' = sum_j (Omega_p + Omega_j) x delta_j
+
+    Let ``|n_j|`` be the size of the motion of joint j, and L_j the norm of the columns ``J_i / c_i`` of its velocities.
+    Then ``|delta_j| <= L_j |n_j|``, and ``|Omega_j|`` is at most the sum of ``|n_i|`` over the joints that turn the
+    link. So ``|rho . x''| <= |rho| sum_ij G_ij |n_i| |n_j|``, where G has ``G_jj = L_j`` if joint j turns, and
+    ``G_ij = G_ji = L_j`` if joint i turns and carries joint j. The norm of G bounds its eigenvalues:
+
+        |rho . x''| <= |rho| L |n|^2,    L^2 = sum_j w_j L_j^2
+
+    with ``w_j`` = 2 for each joint that turns and carries joint j, and 1 more if it turns itself. For an orientation,
+    x'' has Omega_p alone, and the bound holds. By the inequality of Cauchy and Schwarz, it holds for several frames
+    together, each in all axes with one weight, and for centres of mass. Distances have a curvature of their own, and so
+    have constraints whose motions change with the configuration in the coordinates of the joints.
+
+    Args:
+        reduced: the model.
+
+    Attributes:
+        scales: c of each velocity, (nv,).
+        curvature: effects on L^2 of the square of the column of each velocity, (nv,).
+    """
+
+    def __init__(self, reduced: ReducedModel) -> None:
+        robot, model, rows = reduced.robot, reduced.robot.model, reduced.all_constraints
+        kinematics, limited = Kinematics(robot), limited_positions(robot, None)
+        straight, joint_of = kinematics.position(robot.configuration()), np.repeat(np.arange(model.njoints), model.nvs)
+        turns = np.array([straight.joint_jacobian(j)[3:, i].any() for i, j in enumerate(joint_of.tolist())], dtype=bool)
+        chains, turning = np.zeros((model.njoints, model.njoints)), np.zeros(model.njoints)
+        for joint, carriers in enumerate(model.supports):
+            chains[joint, list(carriers)] = 1.0
+        turning[joint_of[turns]] = 1.0
+        turned = chains @ turning  # number of joints that turn a link
+        carried = turned - turning > 0.0
+        self.curvature = (2.0 * turned - turning)[joint_of]
+        travel = np.zeros(reduced.n)
+        travel[limited.v] = np.maximum(np.abs(limited.lower), np.abs(limited.upper))
+        lengths = np.linalg.norm([each.translation for each in model.jointPlacements], axis=1)
+        reach = chains @ (carried * (lengths + np.bincount(joint_of, travel * ~turns, model.njoints)))
+        ends = [(each.parentJoint, float(np.linalg.norm(each.placement.translation))) for each in model.frames]
+        longest = max((reach[joint] + offset for joint, offset in ends if turned[joint]), default=0.0)
+        self.scales = np.where(turns, 1.0, 1.0 / (longest or 1.0))
+        somewhere, unit = pin.integrate(model, robot.configuration(), np.cos(np.arange(reduced.n))), np.eye(reduced.n)
+        last = (chains.sum(axis=0) * np.bincount(joint_of, minlength=model.njoints) == 1.0)[joint_of]
+        last[limited.v] = False
+        for i in np.flatnonzero(last & turns & rows.jacobian(kinematics.position(somewhere)).any(axis=0)):
+            if np.abs(rows.jacobian_dot(kinematics.position(somewhere).with_velocity(unit[i]))).max() < _SAME:
+                self.scales[i] = _WHEEL
+        self.curvature /= self.scales**2
+        self._last: tuple[Array, MotionBasis] | None = None
+
+    def basis(self, R: Float[Array, "nv r"]) -> MotionBasis:
+        """Return unknowns for the motions ``R v2``; the last ones if R has not changed."""
+        if self._last is None or not np.array_equal(self._last[0], R):
+            of_v2 = np.asarray(np.linalg.qr(self.scales[:, None] * R, mode="r"))
+            of_v2 *= np.sign(of_v2.diagonal())[:, None]
+            self._last = R, MotionBasis(inverse(of_v2), of_v2)
+        return self._last[1]
 
 
 class SampledDamping(NamedTuple):
@@ -50,15 +133,15 @@ class SampledDamping(NamedTuple):
 
     Where an arm is stretched towards a goal out of reach, ``|J n|`` vanishes and N does not. Below -1, the velocity
     changes its sign at every sample and grows up to a limit. With ``lambda |v|^2`` in the cost, the denominator is
-    ``|J n|^2 + lambda |n|^2``. An arm whose levers ``|J_i|`` (columns of J) fall towards the tip has
-    ``|n^T N n| <= |rho| sum_i |J_i| |n|^2``: the entry (i, j) of N is at most ``|rho|`` times the smaller lever, so
-    N is bounded by a sum of rank-one terms with the trace ``|rho| sum_i |J_i|``. Therefore
+    ``|J n|^2 + lambda |n|^2``. The unknowns of the program are chosen such that ``|n|`` is the size of a motion by
+    ``MotionMetric``, which does not depend on the reduced velocities. It also has an L with
+    ``|n^T N n| <= |rho| L |n|^2``. Therefore
 
-        lambda = 2 h |rho(lambda)| sum_i |J_i|
+        lambda = 2 h |rho(lambda)| L
 
     bounds the factor by 1/2. The residual depends on the damping itself. For one singular value sigma of J and the rate
     e along it, ``rho = lambda e / (sigma^2 + lambda)``, and the equation has the solution
-    ``lambda = max(0, 2 h e sum_i |J_i| - sigma^2)``: continuous in sigma, and exactly zero near a goal in reach. In
+    ``lambda = max(0, 2 h e L - sigma^2)``: continuous in sigma, and exactly zero near a goal in reach. In
     general it is the root of one increasing function. Levenberg-Marquardt methods of inverse kinematics damp by the
     residual likewise (T. Sugihara, IEEE Transactions on Robotics 27 (2011) 984-991), at every singular value;
     A. A. Maciejewski and C. A. Klein (International Journal of Robotics Research 8(6) (1989) 38-55) at small ones.
@@ -67,7 +150,7 @@ class SampledDamping(NamedTuple):
     dt: float
     """Duration of the sample [s]."""
     levers: Float[Array, " levels"]
-    """Sum of the norms of the columns of the curved rows of each level on the reduced velocities."""
+    """L of each level, from its curved rows."""
     curved: Float[Array, " k"]
     """One for rows whose Jacobian depends on the configuration; zero for constant ones, which have no slope N."""
     near: Sequence[float] = ()
@@ -138,13 +221,14 @@ class TaskStack:
         tasks: the tasks.
         reduced: the model.
         resting: number of rows below those of the tasks, with constant Jacobians.
+        metric: size of motions.
 
     Attributes:
         bound: the tasks of the model.
         ends: end of the rows of each level, highest level first.
     """
 
-    def __init__(self, tasks: Sequence[ControlTask], reduced: ReducedModel, resting: int = 0) -> None:
+    def __init__(self, tasks: Sequence[ControlTask], reduced: ReducedModel, resting: int, metric: MotionMetric) -> None:
         for each in tasks:
             if not isinstance(each, ControlTask):
                 raise ConfigurationError(f"a task has to be a ControlTask, found {type(each).__name__}")
@@ -159,22 +243,23 @@ class TaskStack:
         placed = [(bound, slice(*part)) for (_, bound), part in zip(pairs, pairwise(stops), strict=True)]
         curved = [not bound.constant for _, bound in pairs for _ in bound.names]
         self._curved, rows = np.array([*curved, *[False] * resting], dtype=float), np.arange(len(ranks) + resting)
-        # Rows of each level whose Jacobian depends on the configuration.
-        self._masks = self._curved * (
-            np.searchsorted(self.ends, rows, side="right") == np.arange(len(self.ends))[:, None]
-        )
+        level_of = np.searchsorted(self.ends, rows[: len(ranks)], side="right")
+        # Squared weights of the rows of each level whose Jacobian depends on the configuration.
+        self._squares = self._roots**2 * curved * (level_of == np.arange(len(self.ends))[:, None])
+        self._curvature = metric.curvature
         outputs = [(each, where) for each, where in placed if isinstance(each, BoundOutput)]
         self._outputs = OutputsTogether([each for each, _ in outputs], reduced) if outputs else None
         self._output_rows = as_slice(np.concatenate([rows[:0], *(rows[where] for _, where in outputs)]))
         self._others = [(each, where) for each, where in placed if not isinstance(each, BoundOutput)]
         self._nv, self._affine = reduced.n, reduced.affine
 
-    def at(self, sample: ControlSample) -> TaskLevels:
-        """Return the rows of all tasks at the end of a sample."""
+    def at(self, sample: ControlSample) -> tuple[TaskLevels, SampledDamping]:
+        """Return the rows of all tasks at the end of a sample, and the damping of all levels in it."""
         J, rate = self._rows(sample)
+        damping = SampledDamping(sample.dt, np.sqrt(self._squares.dot((J * J).dot(self._curvature))), self._curved)
         if self._affine:
             rate = rate - J @ sample.end.b
-        return TaskLevels(self._roots[:, None] * J.dot(sample.end.R), self._roots * rate, self.ends)
+        return TaskLevels(self._roots[:, None] * J.dot(sample.end.R), self._roots * rate, self.ends), damping
 
     def ahead(self, sample: ControlSample) -> Float[Array, " k"]:
         """Return by how much the velocity at the start is above the desired rates at the end, for all rows."""
@@ -189,15 +274,6 @@ class TaskStack:
         for bound, where in self._others:
             J[where], rate[where] = bound.rows(sample)
         return J, rate
-
-    def damping(self, dt: float, jacobian: Float[Array, "k r"]) -> SampledDamping:
-        """Return the damping of all levels in a sample.
-
-        Args:
-            dt: its duration [s].
-            jacobian: rows of all levels on the reduced velocities.
-        """
-        return SampledDamping(dt, np.sqrt(self._masks.dot(jacobian * jacobian)).sum(axis=1), self._curved)
 
 
 class RelaxedSolution(NamedTuple):
@@ -354,8 +430,8 @@ class _Level:
         """Return the directions that lower levels may use; None if there are none.
 
         Where the level does not attain its rates, a direction with the singular value sigma is free in part. Motion of
-        lower levels at the speed w turns the null space by ``sum_i |J_i| w / sigma``, so it concerns directions with
-        ``sigma < 2 (2 h sum_i |J_i| w)``.
+        lower levels at the speed w turns the null space by ``L w / sigma``, so it concerns directions with
+        ``sigma < 2 (2 h L w)``.
         """
         kept, rank = self._free.kept + determined, len(self._values)
         share = np.zeros(rank)

@@ -17,9 +17,9 @@ from rnc_pin.control.twist_controller import TwistController
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.math.linear_algebra import as_slice
 from rnc_pin.model.cached_property import cached_property
-from rnc_pin.model.coordinates import wrapped
 from rnc_pin.model.evaluator import Evaluator, evaluator_for
 from rnc_pin.model.input_validation import Axes, NotNegative
+from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.rows import ConstantRows, OutputKind, OutputStack
 from rnc_pin.motion.whole_body.limits.control_limit import ControlSample
@@ -48,22 +48,35 @@ class BoundTask(ABC):
 
     Attributes:
         names: name of each row, (k,).
-        goal_names: names of the outputs that ``goal`` describes; empty if there are none.
+        followed: outputs that follow a reference; None if there are none.
+        reference: their reference.
         constant: True if the Jacobian on the full velocity does not depend on the configuration, as for joints, or if
             the rows are speeds without a position error: a sampled loop needs no damping then.
     """
 
     names: tuple[str, ...]
-    goal_names: tuple[str, ...] = ()
+    followed: OutputStack | None = None
+    reference: Reference
     constant: bool = False
 
     @abstractmethod
     def rows(self, sample: ControlSample) -> TaskRows:
         """Return the rows at the end of a sample."""
 
-    def goal(self, time: float) -> Float[Array, " k"]:
-        """Return the desired values of the outputs ``goal_names`` at a time [s], for the record of a run."""
-        return np.zeros(0)
+    def errors(self, time: float, position: PositionKinematics, v: Float[Array, " nv"]) -> dict[str, float]:
+        """Return the distances from the goal by name, for the verdict of a run; none if the task has no goal.
+
+        Args:
+            time: the time [s].
+            position: kinematics at a configuration.
+            v: velocity there, for goals of speeds.
+        """
+        if self.followed is None:
+            return {}
+        stack, point = self.followed, self.reference.at(time)
+        away = stack.coordinates.difference(point.position, stack.value(position))
+        away = np.where(stack.quasi, point.velocity - stack.jacobian(position) @ v, away)
+        return dict(zip(stack.names, np.abs(away).tolist(), strict=True))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,7 +166,7 @@ class BoundOutput(BoundTask):
 
     def __init__(self, task: ControlTask, output: OutputKind, reference: Reference, reduced: ReducedModel) -> None:
         self.block, self.reference = output.bind(reduced.robot), reference
-        self.names = self.goal_names = self.block.names
+        self.names, self.followed = self.block.names, OutputStack([self.block])
         self.constant = isinstance(self.block, ConstantRows) or self.block.quasi
         check_size(reference, len(self.names), f"'{', '.join(self.names)}'")
         self.gain = task.numbers("gain", task.gain, len(self.names)) * (not self.block.quasi)
@@ -161,9 +174,6 @@ class BoundOutput(BoundTask):
 
     def rows(self, sample: ControlSample) -> TaskRows:
         return self._together.rows(sample)
-
-    def goal(self, time: float) -> np.ndarray:
-        return self.reference.at(time).position
 
 
 class OutputsTogether:
@@ -259,38 +269,33 @@ class BasePoseTask(ControlTask):
 
 class _BoundBase(BoundTask):
     def __init__(self, task: BasePoseTask, reduced: ReducedModel) -> None:
-        self._position = FramePosition(task.frame, "xy").bind(reduced.robot)
-        self._yaw = FrameYaw(task.frame).bind(reduced.robot)
-        self.goal_names = (*self._position.names, *self._yaw.names)
+        outputs = FramePosition(task.frame, "xy"), FrameYaw(task.frame)
+        self._pose = self.followed = OutputStack([each.bind(reduced.robot) for each in outputs])
         self._aiming, self._pivots = _aiming(reduced, task.frame), np.zeros((0, reduced.n))
         steering = () if self._aiming is None else self._aiming.steering
         if self._aiming is not None:
             self._pivots = np.eye(reduced.n)[self._aiming.base.pivots]
             self.constant = True  # its speeds change at limited accelerations
-        self.names = (*self.goal_names, *(f"{name} aim" for name in steering))
+        self.names = (*self._pose.names, *(f"{name} aim" for name in steering))
         check_size(task.reference, 3, "base pose")
-        self._reference, self._gain = task.reference, task.numbers("gain", task.gain, 3)
+        self.reference, self._gain = task.reference, task.numbers("gain", task.gain, 3)
         (self._lateral_gain,) = task.numbers("lateral_gain", task.lateral_gain, 1)
 
     def rows(self, sample: ControlSample) -> TaskRows:
-        at, desired = sample.end.position, self._reference.at(sample.time)
-        yaw = float(self._yaw.value(at)[0])
-        offset = desired.position[:2] - self._position.value(at)
-        error = np.array([*offset, wrapped(desired.position[2] - yaw)])
+        at, desired = sample.end.position, self.reference.at(sample.time)
+        placed = self._pose.value(at)
+        yaw, error = float(placed[2]), self._pose.coordinates.difference(desired.position, placed)
         rate = desired.velocity + self._gain * error
         cosine, sine = np.cos(desired.position[2]), np.sin(desired.position[2])
         forward = cosine * desired.velocity[0] + sine * desired.velocity[1]
-        rate[2] += self._lateral_gain * forward * (np.cos(yaw) * offset[1] - np.sin(yaw) * offset[0])
-        rows = np.vstack([self._position.jacobian(at), self._yaw.jacobian(at), self._pivots])
+        rate[2] += self._lateral_gain * forward * (np.cos(yaw) * error[1] - np.sin(yaw) * error[0])
+        rows = np.vstack([self._pose.jacobian(at), self._pivots])
         if self._aiming is None:
             return TaskRows(rows, rate)
         c, s = np.cos(yaw), np.sin(yaw)
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         twist, rates = self._aiming.aimed(sample.end.q, rate @ turn, sample.start.v, sample.dt or self._aiming.dt)
         return TaskRows(rows, np.append(turn @ twist, rates))
-
-    def goal(self, time: float) -> np.ndarray:
-        return self._reference.at(time).position
 
 
 def _aiming(reduced: ReducedModel, frame: str) -> TwistController | None:
@@ -373,13 +378,18 @@ class _BoundPosture(BoundTask):
             raise ConfigurationError("a posture needs at least one joint with its position")
         self._goal = robot.configuration(task.joints)
         indices = [k for name in task.joints for k in range(robot.nv)[robot.velocity_indices(name)]]
-        self.names = tuple(f"{robot.velocity_names[index]} posture" for index in indices)
+        self._joints = [robot.velocity_names[index] for index in indices]
+        self.names = tuple(f"{name} posture" for name in self._joints)
         self._model, self._gain = robot.model, task.numbers("gain", task.gain, len(indices))
         self._jacobian, self._v = np.eye(reduced.n)[indices], as_slice(np.array(indices))
 
     def rows(self, sample: ControlSample) -> TaskRows:
         error = pin.difference(self._model, sample.end.q, self._goal)[self._v]  # angles take the shortest way
         return TaskRows(self._jacobian, self._gain * error)
+
+    def errors(self, time: float, position: PositionKinematics, v: Float[Array, " nv"]) -> dict[str, float]:
+        away = pin.difference(self._model, position.q, self._goal)[self._v]
+        return dict(zip(self._joints, np.abs(away).tolist(), strict=True))
 
 
 @dataclass(frozen=True)

@@ -73,8 +73,9 @@ class VelocityQP(WholeBodyProgram):
         limits: limits from ``control.limits``.
         dt: sampling interval [s]; by default the last interval predicts the next one, and the first sample keeps the
             measured velocity.
-        damping: cost of the reduced velocity beside the tasks at every level, as the root of a weight. It bounds the
-            velocity near singular configurations, and zero follows the tasks exactly.
+        damping: cost of the motion beside the tasks at every level, as the root of a weight: of rates of joints, and of
+            speeds over the robot's length. It bounds the velocity near singular configurations; zero follows the tasks
+            exactly.
 
     Raises:
         ModelError, ConfigurationError: a task or a limit does not fit the model.
@@ -147,8 +148,10 @@ class VelocityQP(WholeBodyProgram):
             sample: the sample.
             multipliers: multipliers of the last program, (levels, k), to start from.
         """
-        levels, bounds = self._tasks.at(sample), self._limits.bounds(sample)
-        sampled = self._tasks.damping(sample.dt, levels.jacobian)
+        (levels, sampled), bounds = self._tasks.at(sample), self._limits.bounds(sample)
+        to_v2 = self._metric.basis(sample.end.R).to_v2
+        levels = levels._replace(jacobian=levels.jacobian.dot(to_v2))
+        bounds = bounds._replace(rows=bounds.rows.dot(to_v2))
         rest = np.zeros(self._reduced.r)  # hard limits allow it
         solved = solve_within(levels, bounds, self._limits, rest, self.damping, multipliers, sampled=sampled)
-        return ProgramSolution(solved.unknowns, solved.multipliers, solved.excess, solved.unsolved)
+        return ProgramSolution(to_v2.dot(solved.unknowns), solved.multipliers, solved.excess, solved.unsolved)

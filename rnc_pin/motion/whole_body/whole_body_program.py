@@ -10,7 +10,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.controller import Description, LimitedAcceleration, State, nested
+from rnc_pin.control.controller import Description, LimitedAcceleration, MissedGoal, State, nested
 from rnc_pin.errors import InputError
 from rnc_pin.io.json import Json
 from rnc_pin.model.evaluation_results import Measurement
@@ -18,10 +18,10 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.motion.whole_body.limit_stack import LimitStack
 from rnc_pin.motion.whole_body.limits.control_limit import ControlLimit
 from rnc_pin.motion.whole_body.limits.joint_limits import AccelerationLimit
-from rnc_pin.motion.whole_body.task_hierarchy import TaskStack
-from rnc_pin.motion.whole_body.tasks import BoundTask, ControlTask
+from rnc_pin.motion.whole_body.task_hierarchy import MotionMetric, TaskStack
+from rnc_pin.motion.whole_body.tasks import BoundTask, ControlTask, PostureTask
 from rnc_pin.printing import ReprMixin
-from rnc_pin.verdict import MOSTLY, Finding, FindingKind, Severity
+from rnc_pin.verdict import GOAL_TOLERANCE, MOSTLY, Finding, FindingKind, Severity
 
 
 class LimitReport(NamedTuple):
@@ -96,8 +96,14 @@ class WholeBodyProgram(ReprMixin):
     ) -> None:
         self.tasks, self.limits = tuple(tasks), tuple(limits)
         self._reduced = reduced
-        self._tasks, self._limits = TaskStack(self.tasks, reduced, resting), LimitStack(self.limits, reduced)
+        self._metric, self._limits = MotionMetric(reduced), LimitStack(self.limits, reduced)
+        self._tasks = TaskStack(self.tasks, reduced, resting, self._metric)
         self._desired = DesiredOutputs(self._tasks.bound, reduced)
+        first = min((task.priority for task in tasks), default=0)
+        pairs = list(zip(tasks, self._tasks.bound, strict=True))
+        postures = [bound for task, bound in pairs if isinstance(task, PostureTask) and task.priority == first]
+        # Postures are preferences, unless no task follows a reference.
+        self._goals = [bound for _, bound in pairs if bound.followed is not None] or postures
         self.limit_names: tuple[str, ...] = self._limits.names
         """Names of the limits' rows, in the order of ``excess`` of the state."""
 
@@ -141,6 +147,26 @@ class WholeBodyProgram(ReprMixin):
             message = f"limit {name} gave way by up to {amount:.3g}, because limits excluded each other"
             found += (Finding(FindingKind.LIMIT_GAVE_WAY, name, amount, "", None, Severity.DEGRADES, message),)
         return found
+
+    def goal_errors(self, t: float, q: Float[Array, " nq"], v: Float[Array, " nv"]) -> dict[str, float]:
+        """Return the distances from the goals of the tasks by name; of several goals of one name, the largest.
+
+        Args:
+            t, q, v: time [s], configuration and velocity.
+        """
+        errors: dict[str, float] = {}
+        for each in self._goals:
+            for name, error in each.errors(t, self._reduced.at(q).position, v).items():
+                errors[name] = max(error, errors.get(name, 0.0))
+        return errors
+
+    def missed_goals(self, t: float, q: Float[Array, " nq"], v2: Float[Array, " r"]) -> tuple[MissedGoal, ...]:
+        """Return the goals that a run misses which ends in this state, for its verdict.
+
+        Args:
+            t, q, v2: time [s], configuration and reduced velocity.
+        """
+        return MissedGoal.of_errors(self.goal_errors(t, q, self._reduced.at(q, v2, t=t).v), GOAL_TOLERANCE)
 
     def report(self, state: State) -> LimitReport:
         """Return the limits that are active, and those that gave way."""
@@ -189,16 +215,16 @@ class DesiredOutputs:
         self._goals = []
         for task in tasks:
             for place, names in enumerate((reduced.vertical.names, reduced.reducing.names)):
-                own = [index for index, name in enumerate(task.goal_names) if name in names]
+                given = () if task.followed is None else task.followed.names
+                own = [index for index, name in enumerate(given) if name in names]
                 if own:
-                    where = [names.index(task.goal_names[index]) for index in own]
-                    self._goals.append((task.goal, own, where, place))
+                    self._goals.append((task.reference, own, [names.index(given[index]) for index in own], place))
 
     def at(self, t: float) -> tuple[Array | None, Array | None]:
         """Return x1 and x2 at a time [s], NaN for outputs without a task; None if no task has an output."""
         if not self._goals:
             return None, None
         found = np.full(self._sizes[0], np.nan), np.full(self._sizes[1], np.nan)
-        for goal, own, where, place in self._goals:
-            found[place][where] = goal(t)[own]
+        for reference, own, where, place in self._goals:
+            found[place][where] = reference.at(t).position[own]
         return found

@@ -57,14 +57,14 @@ def test_a_robot_that_is_pushed_off_its_way_stops_and_a_new_way_leads_on():
     assert not v2.any()
     speed = abs(rows[round(1.5 / DT) - 1][2][0])
     assert q[0] - rows[round(1.5 / DT)][1][0] == pytest.approx(speed**2 / (2 * 0.5), abs=0.03)
-    assert "more than the tube of 0.05 off its way" in controller.missed_goals(q, v2)[0].reason
+    assert "more than the tube of 0.05 off its way" in controller.missed_goals(6.0, q, v2)[0].reason
     controller = WayFollower(reduced, find_way(reduced, q, goal, obstacles))
     end = driven(controller, 14.0)[-1]
-    assert not controller.missed_goals(end[1], end[2])
+    assert not controller.missed_goals(*end[:3])
     # A small push is for the feedback.
     controller = WayFollower(reduced, find_way(reduced, at_pose(reduced, -1.0, 0.0), goal, obstacles))
     end = driven(controller, 9.0, push=0.2 * aside)[-1]
-    assert not controller.missed_goals(end[1], end[2])
+    assert not controller.missed_goals(*end[:3])
 
 
 def test_a_robot_that_is_there_stays():
@@ -73,4 +73,4 @@ def test_a_robot_that_is_there_stays():
     controller = WayFollower(reduced, find_way(reduced, q, q))
     rows = driven(controller, 0.1)
     assert not any(v2.any() for _, _, v2, _ in rows)
-    assert not controller.missed_goals(q, rows[-1][2])
+    assert not controller.missed_goals(*rows[-1][:3])

@@ -14,7 +14,7 @@ from rnc_pin.motion.whole_body import task_hierarchy
 from rnc_pin.motion.whole_body.limit_stack import ContactCones, LimitStack
 from textbook_systems import wheeled_pendulum
 
-DT, GAIN, RATE = 0.004, 3.0, 15.0
+DT, GAIN, RATE = 0.004, 3.0, 2.0
 
 
 def hand(frame, goal, **settings):
@@ -24,7 +24,7 @@ def hand(frame, goal, **settings):
 def across(reduced, q0):
     """Path of the mobile manipulator's hand."""
     position = rnc.FramePosition("tip", "xy").bind(reduced.robot)
-    return MinimumJerk(position.value(reduced.at(q0).position), [2.5, 1.5], 1.5)
+    return MinimumJerk(position.value(reduced.at(q0).position), [0.95, 0.2], 1.0)
 
 
 @pytest.mark.parametrize(("reduced", "task"), [
@@ -35,14 +35,15 @@ def across(reduced, q0):
     (systems.tiago(), tasks.OutputTask(rnc.FramePosition("arm_7_link"), Hold([1.0, 0.2, 0.9]), gain=GAIN)),
 ], ids=["space robot", "mobile manipulator", "four-bar", "free panda", "tiago"])  # fmt: skip
 def test_the_velocity_error_of_a_task_decays_at_its_rate(reduced, task):
-    """With the forward dynamics instead of the program's own matrices."""
-    controller = InverseDynamicsQP(reduced, [task], dt=DT, velocity_gain=RATE)
+    """With the forward dynamics instead of the program's own matrices, where no limit is active."""
+    controller, checked = InverseDynamicsQP(reduced, [task], dt=DT, velocity_gain=RATE), 0
     bound = task.bind(reduced)
-    for q, v2 in systems.random_states(reduced, 4, seed=3):
-        v2 = 0.1 * v2
+    for q, v2 in systems.random_states(reduced, 12, seed=3):
+        v2 = 0.01 * v2
         found = controller.solve(0.0, q, v2)
-        if np.abs(found.T).max() > 0.99 * reduced.actuation.limits.min(initial=np.inf):
+        if found.multipliers.any():
             continue
+        checked += 1
         after = v2 + DT * reduced.forward_dynamics(q, v2, found.T)
         np.testing.assert_allclose(found.v2, after, rtol=1e-9, atol=1e-9)
         errors = []
@@ -51,6 +52,7 @@ def test_the_velocity_error_of_a_task_decays_at_its_rate(reduced, task):
             rows = bound.rows(sample)
             errors.append(rows.jacobian @ (sample.end.R @ velocity + sample.end.b) - rows.rate)
         np.testing.assert_allclose(errors[1], np.exp(-RATE * DT) * errors[0], rtol=1e-6, atol=1e-8)
+    assert checked > 1
 
 
 def test_the_end_of_a_sample_is_as_accurate_as_a_simulation():

@@ -1,12 +1,15 @@
 """A light wrist on a slow cart: the factor per sample in closed form, with and without the damping."""
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
 from rnc_pin.control import VelocityQP, limits, tasks
 from rnc_pin.motion.planning import Hold
 from rnc_pin.motion.whole_body import ControlSample, InverseDynamicsQP, task_hierarchy
+from rnc_pin.motion.whole_body.task_hierarchy import MotionMetric
+from systems import free_flying_panda, random_states, space_robot, tiago
 
 LEVER, GAIN, FAR, SLOW, DT = 0.1, 5.0, 3.0, 0.1, 0.025
 """[m], [1/s], [m] of the goal ahead, [m/s] of the cart, [s]"""
@@ -38,7 +41,7 @@ SPEED = limits.JointVelocityLimit(margin=0.0)
 
 def slope(residual, share):
     """Velocity of the wrist per angle, negative: least squares over (y, damping), linear in the angle."""
-    return (residual * LEVER + GAIN * LEVER**2) / (LEVER**2 + share * DT * residual * (1.0 + LEVER))
+    return (residual * LEVER + GAIN * LEVER**2) / (LEVER**2 + share * DT * residual * LEVER)
 
 
 @pytest.mark.parametrize("share", [0.0, 2.0])
@@ -73,6 +76,47 @@ def test_a_light_joint_is_steady_at_acceleration_level(reduced):
     assert np.abs(run.v[:, 0]).max() <= SLOW * (1 + 1e-6)  # the goal is out of reach
     assert np.abs(np.diff(wrist, 2)).max() < 0.05
     assert abs(run.q[-1, 1]) < 0.01
+
+
+@pytest.mark.parametrize(("system", "tip"), [
+    (tiago, "arm_7_link"), (free_flying_panda, "panda_hand"), (space_robot, "tip"),
+])  # fmt: skip
+def test_the_turn_of_a_gradient_is_within_its_bound(system, tip):
+    """Against accelerations of Pinocchio at constant rates of all joints; some need a good part of the bound."""
+    reduced, generator, used = system(), np.random.default_rng(0), []
+    model, data, axes = reduced.robot.model, reduced.robot.model.createData(), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    metric, frame = MotionMetric(reduced), reduced.robot.frame_id(tip)
+    for _ in range(500):
+        q, n = reduced.random_configuration(generator), generator.normal(size=model.nv) ** 3
+        pin.forwardKinematics(model, data, q, n, np.zeros(model.nv))
+        turned = pin.getFrameClassicalAcceleration(model, data, frame, axes).linear
+        J = pin.computeFrameJacobian(model, data, q, frame, axes)[:3]
+        lever = np.sqrt((J**2).sum(axis=0) @ metric.curvature)
+        used.append(np.linalg.norm(turned) / (lever * np.sum((metric.scales * n) ** 2)))
+    assert 0.2 < max(used) < 1.0
+
+
+@pytest.mark.parametrize("kind", [VelocityQP, InverseDynamicsQP])
+def test_motions_do_not_depend_on_the_reduced_velocities(kind):
+    """Wheel angles, or speed and yaw, while the residual of a goal out of reach damps: the same accelerations."""
+    one = tiago()
+    wheels, arm = ["wheel_left_joint", "wheel_right_joint"], list(one.reducing.names[2:])
+    other = rnc.NonholonomicSystem(
+        one.robot, [rnc.RollingWheel(f"wheel_{side}_link", 0.0985) for side in ("left", "right")], [*wheels, *arm]
+    ).reduce([rnc.JointPosition(each) for each in (*wheels, *arm)])
+    reach = tasks.OutputTask(rnc.FramePosition("arm_7_link"), Hold([9.0, 3.0, 2.0]), gain=3.0)
+    wanted, dt = [reach, tasks.PostureTask(dict.fromkeys(arm, 0.2), priority=1)], 0.02
+    for q, v2 in random_states(one, 4, seed=5):
+        v, ends = 0.1 * one.at(q).R @ v2, []
+        for reduced in (one, other):
+            sample = ControlSample(reduced, 0.0, q, reduced.at(q, v=v).v2, dt)
+            program = kind(reduced, wanted, dt=dt)
+            by = (sample,) if kind is VelocityQP else (0.0, q, sample.start.v2)
+            ends.append(sample.end.R @ program.solve(*by).v2)
+            rows = reach.bind(reduced).rows(sample)
+            assert np.linalg.norm(rows.jacobian @ ends[-1] - rows.rate) > 0.1
+        accelerations = (np.array(ends) - v) / dt
+        np.testing.assert_allclose(*accelerations, rtol=0, atol=1e-9 * np.abs(accelerations).max())
 
 
 def reversing(values, largest):

@@ -6,6 +6,7 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.control import ControlSample, RedundancyController, VelocityQP, limits, tasks
 from rnc_pin.motion.planning import Hold, MinimumJerk
+from rnc_pin.motion.whole_body.task_hierarchy import MotionMetric
 from systems import random_states, space_robot, spinning_space_robot, tiago
 
 TIP = MinimumJerk([1.0, 1.0], [0.5, 0.7], 2.0)
@@ -26,7 +27,7 @@ def test_without_active_limits_the_program_is_law_12(system):
     law = RedundancyController(task, primary, vertical, k3=1.7, k21=0.9)
     wide = limits.JointVelocityLimit(limit=1e6)
     for q, v2 in random_states(reduced, 8, seed=1):
-        sample = ControlSample(reduced, 0.3, q, v2, 1e-4)
+        sample = ControlSample(reduced, 0.3, q, v2, 1e-6)
         expected = law.step(sample.time, sample.end.measure(), None)[0].v2
         for program in (VelocityQP(reduced, followed), VelocityQP(reduced, followed, [wide])):
             found = program.solve(sample)
@@ -69,23 +70,24 @@ def tiago_program(limit=0.2, **settings):
 def test_the_solution_satisfies_the_conditions_of_optimality(damping):
     """Stationarity, signs of multipliers, complementarity and bounds, written from the tasks and limits themselves.
 
-    A residual of rows that turn with the configuration adds the cost ``lambda |v2|^2``: lambda is 2 dt times the
-    residual, times the levers, which are the norms of the columns of these rows.
+    A residual of rows that turn with the configuration adds the cost ``lambda`` of a motion: 2 dt times the residual
+    and the levers of these rows.
     """
     reduced, program = tiago_program(damping=damping)
-    touched = 0
+    touched, metric = 0, MotionMetric(reduced)
     for q, v2 in random_states(reduced, 6, seed=3):
         sample = ControlSample(reduced, 0.0, q, 0.1 * v2, 0.002)
         found = program.solve(sample)
-        R, gradient, levers, squares = sample.end.R, np.zeros(reduced.r), np.zeros(reduced.r), 0.0
+        R, gradient, levers, squares = sample.end.R, np.zeros(reduced.r), np.zeros(reduced.n), 0.0
         for each in program.tasks:
             rows = each.bind(reduced).rows(sample)
             weight = np.broadcast_to(np.asarray(each.weight, dtype=float), len(rows.rate))
             J, error = rows.jacobian @ R, rows.jacobian @ R @ found.v2 - rows.rate
             gradient += J.T @ (weight * error)
             if not isinstance(each.output, rnc.JointPosition):  # a constant Jacobian needs no damping
-                levers, squares = levers + weight @ J**2, squares + weight @ error**2
-        gradient += (damping**2 + 2.0 * sample.dt * np.sqrt(squares) * np.sqrt(levers).sum()) * found.v2
+                levers, squares = levers + weight @ rows.jacobian**2, squares + weight @ error**2
+        lever, of_v2 = np.sqrt(levers @ metric.curvature), metric.basis(R).of_v2
+        gradient += (damping**2 + 2.0 * sample.dt * np.sqrt(squares) * lever) * (of_v2.T @ of_v2 @ found.v2)
         box = program.limits[0].bind(reduced).rows(sample)
         values, force = box.jacobian @ R @ found.v2, found.multipliers[0]
         scale = np.abs(gradient).max() + np.abs(force).max()

@@ -28,7 +28,7 @@ from rnc_pin.motion.whole_body import ProgramState
 from rnc_pin.simulation import Margins, margins_along, obstacles_passed
 
 if TYPE_CHECKING:
-    from rnc_pin.applications.scenario.controllers.whole_body import TaskGoals
+    pass
 
 _LONGEST = 350  # letters of the reasons that one error names
 MIN_SINGULAR_VALUE = 0.01
@@ -97,13 +97,11 @@ class BuiltController:
         controller: ready to run.
         warnings: messages for the user.
         notes: entries for the record of the run.
-        goals: goals of whole-body tasks.
     """
 
     controller: Controller
     warnings: tuple[str, ...] = ()
     notes: Mapping[str, Json] = field(default_factory=dict)
-    goals: TaskGoals | None = None
 
 
 def refuse_or_warn(preflight: Literal["warn", "refuse"], complaints: Sequence[str]) -> tuple[str, ...]:

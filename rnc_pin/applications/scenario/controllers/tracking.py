@@ -27,7 +27,7 @@ from rnc_pin.model import NotNegative, Positive, Task
 from rnc_pin.motion.planning import Joined, Reference, ReferencePoint
 
 if TYPE_CHECKING:
-    from rnc_pin.applications.scenario.controllers.whole_body import TaskGoals
+    pass
 
 
 class PlatformSettings(Strict):
@@ -178,21 +178,19 @@ class VelocityTrackerSettings(AdaptationSettings):
         kinematic: control.KinematicController,
         task: Task | None = None,
         horizon: float | None = None,
-        goals: TaskGoals | None = None,
     ) -> BuiltController:
         """Check the reference and build the velocity tracker under a kinematic controller.
 
         Args:
             context: inputs for building the controller.
             kinematic, task, horizon: as for ``check_motion``.
-            goals: goals of whole-body tasks.
 
         Raises:
             InfeasibleError: no gains fit the motion, or preflight refuses it.
         """
         reduced, q0 = context.reduced, context.q0
         margins, complaints = check_motion(context, kinematic, task, horizon)
-        built = partial(BuiltController, warnings=complaints, goals=goals)
+        built = partial(BuiltController, warnings=complaints)
         if self.tracker == "computed_torque":
             k = {} if self.k is None else {"k": sized_gain("k", self.k, reduced.r)}
             return built(control.ComputedTorque(reduced, kinematic, **k))

@@ -7,12 +7,9 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-import pinocchio as pin
-from numpy import ndarray as Array
 from pydantic import Field
 
 from rnc_pin.applications.scenario.controllers.base import (
@@ -25,11 +22,10 @@ from rnc_pin.applications.scenario.controllers.tracking import VelocityTrackerSe
 from rnc_pin.applications.scenario.schema.derived import ClassReader, one_of
 from rnc_pin.applications.scenario.schema.kinds import OutputItem
 from rnc_pin.applications.scenario.schema.motions import ReferenceItem
-from rnc_pin.array_shapes import Float
 from rnc_pin.collision import Obstacle, PairSelection
 from rnc_pin.errors import RncError
 from rnc_pin.io import Strict
-from rnc_pin.model import Axes, NotNegative, OutputKind, OutputStack, Positive, ReducedModel
+from rnc_pin.model import Axes, NotNegative, OutputKind, OutputStack, Positive
 from rnc_pin.motion.planning import Reference
 from rnc_pin.motion.whole_body import InverseDynamicsQP, VelocityQP
 from rnc_pin.motion.whole_body.limits import (
@@ -214,87 +210,6 @@ class LimitSettings(Strict):
         return found
 
 
-class GoalError(NamedTuple):
-    """Distance of a configuration to the goal of one task."""
-
-    title: str
-    """Number of the task, and the names of its rows."""
-    errors: dict[str, float]
-    """Absolute error of each row [m, rad; m/s, rad/s of a quasi-velocity]."""
-    priority: int
-
-
-@dataclass(frozen=True)
-class FollowedGoal:
-    """Goal of a task that follows a reference.
-
-    Attributes:
-        index: number of the task.
-        priority: level of the task.
-        reference: its reference.
-        stack: outputs that the reference describes.
-    """
-
-    index: int
-    priority: int
-    reference: Reference
-    stack: OutputStack
-
-    def error(self, reduced: ReducedModel, t: float, q: Array, v: Array | None) -> GoalError | None:
-        """Error at a time [s]. A quasi-velocity has no position: its goal is the velocity of its reference.
-
-        Args:
-            reduced: the model.
-            t, q, v: time, configuration and velocity; None if the velocity is not known.
-        """
-        here, point = reduced.at(q).position, self.reference.at(t)
-        if self.stack.quasi.any() and v is None:
-            return None
-        if self.stack.quasi.any():
-            errors = point.velocity - self.stack.jacobian(here) @ v
-        else:
-            errors = self.stack.coordinates.difference(point.position, self.stack.value(here))
-        names = self.stack.names
-        by_name = dict(zip(names, np.abs(errors).tolist(), strict=True))
-        return GoalError(f"task {self.index} ({', '.join(names)})", by_name, self.priority)
-
-
-class TaskGoals:
-    """Goals of the tasks that follow references. Postures and the like are preferences: they have no goals.
-
-    Where a program has nothing but postures and damping, the postures of the first priority are its goals.
-
-    Args:
-        followed: goals of tasks with references.
-        tasks: all tasks.
-        reduced: the model.
-    """
-
-    def __init__(self, followed: Sequence[FollowedGoal], tasks: Sequence[ControlTask], reduced: ReducedModel) -> None:
-        self._followed, self._reduced = followed, reduced
-        first = min(task.priority for task in tasks)
-        postures = [(k, task) for k, task in enumerate(tasks) if isinstance(task, PostureTask)]
-        alone = all(isinstance(task, PostureTask | DampingTask) for task in tasks)
-        self._postures = [(k, task) for k, task in postures if alone and task.priority == first]
-
-    def errors(self, t: float, q: Float[Array, " nq"], v: Float[Array, " nv"] | None = None) -> list[GoalError]:
-        """Return the errors of all tasks at a time [s]; those of quasi-velocities need a velocity.
-
-        Args:
-            t: the time.
-            q: configuration (nq,).
-            v: velocity (nv,); None if it is not known.
-        """
-        errors = (each.error(self._reduced, t, q, v) for each in self._followed)
-        found = [each for each in errors if each is not None]
-        robot = self._reduced.robot
-        for index, posture in self._postures:
-            away = np.abs(pin.difference(robot.model, q, robot.configuration(posture.joints)))
-            by_name = {name: float(away[robot.velocity_indices(name)].max()) for name in posture.joints}
-            found.append(GoalError(f"task {index} (posture of {', '.join(by_name)})", by_name, posture.priority))
-        return found
-
-
 class WholeBodySettings(ControllerSettings):
     """Tasks and limits of whole-body control.
 
@@ -309,9 +224,9 @@ class WholeBodySettings(ControllerSettings):
     tasks: Annotated[list[TaskItem], Field(min_length=1)]
     limits: LimitSettings = LimitSettings()
 
-    def _tasks(self, context: ControllerContext) -> tuple[list[ControlTask], TaskGoals]:
-        """Build the tasks and their goals, and raise errors with their place in the file."""
-        reduced, followed, tasks = context.reduced, list[FollowedGoal](), list[ControlTask]()
+    def _tasks(self, context: ControllerContext) -> list[ControlTask]:
+        """Build the tasks, and raise errors with their place in the file."""
+        reduced, tasks = context.reduced, list[ControlTask]()
         for index, item in enumerate(self.tasks):
             with RncError.at(f"controller.tasks.{index}"):
                 if isinstance(item, ControlTask):
@@ -319,12 +234,10 @@ class WholeBodySettings(ControllerSettings):
                 else:
                     stack = OutputStack([kind.bind(reduced.robot) for kind in item.outputs])
                     start = stack.value(reduced.at(context.q0).position)
-                    reference = item.reference.from_start(start, stack.coordinates)
-                    task = item.build(reference)
-                    followed.append(FollowedGoal(index, item.priority, reference, stack))
+                    task = item.build(item.reference.from_start(start, stack.coordinates))
                 task.bind(reduced)
             tasks.append(task)
-        return tasks, TaskGoals(followed, tasks, reduced)
+        return tasks
 
 
 class VelocityProgramSettings(WholeBodySettings, VelocityTrackerSettings):
@@ -340,10 +253,10 @@ class VelocityProgramSettings(WholeBodySettings, VelocityTrackerSettings):
     damping: NotNegative = 0.0
 
     def _build(self, context: ControllerContext) -> BuiltController:
-        (tasks, goals), limits = self._tasks(context), self.limits.build(context)
+        tasks, limits = self._tasks(context), self.limits.build(context)
         with RncError.at("controller.limits"):
             program = VelocityQP(context.reduced, tasks, limits, damping=self.damping)
-        return self.track(context, program, horizon=context.simulation.seconds, goals=goals)
+        return self.track(context, program, horizon=context.simulation.seconds)
 
 
 class InverseDynamicsSettings(WholeBodySettings):
@@ -365,7 +278,7 @@ class InverseDynamicsSettings(WholeBodySettings):
 
     def _build(self, context: ControllerContext) -> BuiltController:
         reduced, simulation = context.reduced, context.simulation
-        (tasks, goals), limits = self._tasks(context), self.limits.build(context)
+        tasks, limits = self._tasks(context), self.limits.build(context)
         with RncError.at("controller.limits"):
             program = InverseDynamicsQP(
                 reduced,
@@ -380,4 +293,4 @@ class InverseDynamicsSettings(WholeBodySettings):
         problem = program.braking_problem(0.0, context.q0, v2)
         unsafe = () if problem is None else (f"no braking motion from the start keeps all limits: {problem}",)
         complaints = refuse_or_warn(context.preflight, unsafe)
-        return BuiltController(program, complaints, goals=goals)
+        return BuiltController(program, complaints)
