@@ -22,7 +22,7 @@ import pinocchio as pin
 from rnc_pin.errors import ConfigurationError, ModelWarning
 
 _VARIABLE = "RNC_PIN_KERNEL"
-INTERFACE = 42
+INTERFACE = 43
 """Number that changes with the arguments of the kernel's methods; ``tools/generate_rows.py`` writes it for C."""
 _REINSTALL = "reinstall with pip install -e ."
 _NONE = "this installation has no compiled kernel: reinstall with a C compiler"

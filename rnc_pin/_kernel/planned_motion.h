@@ -1,4 +1,4 @@
-/* Motion under planned inputs, with their feedback. Included at the end of kernel.c; the step is that of
+/* Motion under planned inputs. Included at the end of kernel.c; the step is that of
    action_models.py. */
 
 enum { KINEMATIC, ACCELERATION, DYNAMIC }; /* forms: inputs v2, v2_dot or T */
@@ -207,51 +207,28 @@ static PyObject *planned_derivatives(Evaluator *ev, PyObject *const *args, Py_ss
     return result(&all, ok);
 }
 
-/* Form, intervals K, steps of each, step; q, w and inputs (K nu); gains (K nu nx) or None with the planned states of
-   all steps, limits (2 nu), the difference and its two arrays (nq). Record of q, w and inputs of all K steps. False if
-   the general way has to decide. */
+/* Form, intervals K, steps of each, step; q, w and inputs (K nu). Record of q and w of all K steps. False if the general
+   way has to decide. */
 static PyObject *planned_motion(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = 1};
-    double *q, *w, *u, *gains, *planned, *limits, *first, *second, *out;
-    double *q_now, *w_now, *q_at, *w_at, *shift, *dx, *first_flow;
+    double *q, *w, *u, *out, *q_now, *w_now, *q_at, *w_at, *shift, *first_flow;
     int ok = -1;
     Form of;
-    if (!expect(ev, given, 14) || !take_form(ev, args[0], &of)) return NULL;
+    if (!expect(ev, given, 8) || !take_form(ev, args[0], &of)) return NULL;
     Py_ssize_t K = PyLong_AsSsize_t(args[1]), steps = PyLong_AsSsize_t(args[2]), n = ev->n, nq = ev->nq;
     double h = PyFloat_AsDouble(args[3]);
     if (PyErr_Occurred() || !within((long)K, 1 << 20) || !within((long)steps, 1 << 20)) return NULL;
-    Py_ssize_t nw = of.nw, nu = of.nu, nx = n + nw, row = nq + nw + nu;
-    if (!allocate(&all.memory, &q_now, nq, &w_now, nw, &q_at, nq, &w_at, nw, &shift, n, &dx, nx, &first_flow, n + nw,
-                  NULL))
+    Py_ssize_t nw = of.nw, nu = of.nu;
+    if (!allocate(&all.memory, &q_now, nq, &w_now, nw, &q_at, nq, &w_at, nw, &shift, n, &first_flow, n + nw, NULL))
         return NULL;
     if (take(&all, args[4], nq, READ, &q) && take(&all, args[5], nw, READ, &w) && take(&all, args[6], K * nu, READ, &u)
-        && optional(&all, args[7], K * nu * nx, &gains) && optional(&all, args[8], K * steps * (nq + nw), &planned)
-        && take(&all, args[9], 2 * nu, READ, &limits) && take(&all, args[11], nq, WRITE, &first)
-        && take(&all, args[12], nq, WRITE, &second) && take(&all, args[13], K * steps * row, WRITE, &out)) {
-        ok = plannable(ev, u, K * nu) && (!gains || planned);
+        && take(&all, args[7], K * steps * (nq + nw), WRITE, &out)) {
+        ok = plannable(ev, u, K * nu);
         memcpy(q_now, q, (size_t)nq * sizeof(double));
         memcpy(w_now, w, (size_t)nw * sizeof(double));
-        for (Py_ssize_t i = 0; i < K * steps && ok > 0; i++, out += row) {
-            const double *input = u + i / steps * nu, *low = limits, *high = limits + nu;
-            double *used = out + nq + nw;
-            memcpy(used, input, (size_t)nu * sizeof(double));
-            if (gains) {
-                const double *gain = gains + i / steps * nu * nx, *there = planned + i * (nq + nw);
-                if (nq == n)
-                    for (Py_ssize_t j = 0; j < n; j++) dx[j] = q_now[j] - there[j];
-                else {
-                    memcpy(first, there, (size_t)nq * sizeof(double));
-                    memcpy(second, q_now, (size_t)nq * sizeof(double));
-                    if (!copy_result(args[10], args + 11, 2, n, dx)) ok = -1;
-                }
-                for (Py_ssize_t j = 0; j < nw; j++) dx[n + j] = w_now[j] - there[nq + j];
-                for (Py_ssize_t j = 0; j < nu && ok > 0; j++)
-                    used[j] = fmin(fmax(input[j] + dot(gain + j * nx, dx, nx), fmin(low[j], input[j])),
-                                   fmax(high[j], input[j]));
-                if (ok > 0 && !all_finite(used, nu)) ok = 0;
-            }
-            if (ok > 0) ok = planned_step(ev, of.form, h, used, q_now, w_now, nw, shift, q_at, w_at, first_flow, 0);
+        for (Py_ssize_t i = 0; i < K * steps && ok > 0; i++, out += nq + nw) {
+            ok = planned_step(ev, of.form, h, u + i / steps * nu, q_now, w_now, nw, shift, q_at, w_at, first_flow, 0);
             memcpy(out, q_now, (size_t)nq * sizeof(double));
             memcpy(out + nq, w_now, (size_t)nw * sizeof(double));
         }

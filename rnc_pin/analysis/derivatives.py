@@ -153,16 +153,8 @@ def _at_one_state(reduced: ReducedModel, state: StateEvaluation, T: Array) -> St
     H_inverse_Rt = np.linalg.solve(R.T @ M @ R, R.T)
     a_v = M @ E_inverse @ found.Ew_v - found.forces_v
     a_q = force_q + M @ E_inverse @ found.Ew_q + a_v @ v_q
-    return StateDerivatives(
-        v=state.v,
-        v2_dot=v2_dot,
-        v_q=v_q,
-        v_v2=R,
-        v2_dot_q=H_inverse_Rt @ a_q,
-        v2_dot_v2=H_inverse_Rt @ (a_v @ R),
-        v2_dot_T=H_inverse_Rt @ B,
-        difference_error=found.error,
-    )
+    by_state = H_inverse_Rt @ a_q, H_inverse_Rt @ (a_v @ R)
+    return StateDerivatives(state.v, v2_dot, v_q, R, *by_state, H_inverse_Rt @ B, found.error)
 
 
 def _smooth_at(reduced: ReducedModel, state: StateEvaluation) -> tuple[ReducedModel, StateEvaluation]:
@@ -234,16 +226,8 @@ def _by_differences(reduced: ReducedModel, state: StateEvaluation, T: Array) -> 
     v2_dot_q, error = gradient_with_error(model, lambda p: np.array(reduced.at(p, v2).v2_dot(T)), q)
     # Accelerations are quadratic in v2, so that central differences with unit steps are exact.
     ahead, behind = (reduced.at(q, v2 + sign * np.eye(reduced.r)).v2_dot(T) for sign in (1.0, -1.0))
-    return StateDerivatives(
-        v=state.v,
-        v2_dot=state.v2_dot(T),
-        v_q=v_q,
-        v_v2=at.R,
-        v2_dot_q=v2_dot_q,
-        v2_dot_v2=(ahead - behind).T / 2,
-        v2_dot_T=np.linalg.solve(at.H, at.input_matrix),
-        difference_error=max(v_error, error),
-    )
+    by_v2, by_T = (ahead - behind).T / 2, np.linalg.solve(at.H, at.input_matrix)
+    return StateDerivatives(state.v, state.v2_dot(T), v_q, at.R, v2_dot_q, by_v2, by_T, max(v_error, error))
 
 
 def _actuation_gradient(reduced: ReducedModel, along: VelocityKinematics, q: Array) -> tuple[Array, float]:

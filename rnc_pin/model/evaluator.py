@@ -9,15 +9,11 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from functools import partial
-from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 from numpy import ndarray as Array
 
 from rnc_pin import _kernel
-from rnc_pin.array_shapes import Float
 from rnc_pin.errors import InputError, SingularityError
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.evaluation_results import ReducedTerms
@@ -44,17 +40,6 @@ from rnc_pin.model.reduction_kernel import ReductionKernel, RunRecords
 from rnc_pin.model.state_evaluation import StateEvaluation, output_slopes
 
 _FORMS = ("kinematic", "acceleration", "dynamic")
-
-
-class PlannedFeedback(NamedTuple):
-    """Feedback ``u + gains dx`` about planned states, within limits that the planned inputs widen."""
-
-    q: Float[Array, "N nq"]
-    """Planned configurations at the begin of each step."""
-    w: Float[Array, "N nw"]
-    gains: Float[Array, "K nu nx"]
-    lower: Float[Array, " nu"]
-    upper: Float[Array, " nu"]
 
 
 class Evaluator:
@@ -416,9 +401,9 @@ class Evaluator:
         return (q_end, y_end, float(rough[0])) if status[0] else None
 
     def planned_motion(
-        self, form: str, start: tuple[Array, Array], u: Array, h: float, steps: int, feedback: PlannedFeedback | None
-    ) -> tuple[Array, Array, Array] | None:
-        """States (K steps, nq), (K steps, nw) after each midpoint step, and their inputs; None if Python has to step.
+        self, form: str, start: tuple[Array, Array], u: Array, h: float, steps: int
+    ) -> tuple[Array, Array] | None:
+        """States (K steps, nq), (K steps, nw) after each midpoint step; None if Python has to step.
 
         Args:
             form: "kinematic", "acceleration" or "dynamic": inputs are v2, v2_dot or T.
@@ -426,22 +411,13 @@ class Evaluator:
             u: inputs (K, nu), constant over intervals.
             h: duration of a step [s].
             steps: steps of each interval.
-            feedback: feedback about planned states; None without.
         """
         q, w = (np.array(each, dtype=float) for each in start)
-        K, nu = u.shape
-        found = np.empty((K * steps, len(q) + len(w) + nu))
-        gains = planned = None
-        limits = np.zeros((2, nu))
-        if feedback is not None:
-            gains = np.ascontiguousarray(feedback.gains)
-            planned, limits = np.hstack([feedback.q, feedback.w]), np.stack([feedback.lower, feedback.upper])
-        # Feedback reads the deviation on the manifold, which the kernel leaves to Pinocchio.
-        difference = partial(pin.difference, self.data.robot.model)
-        arrays = (gains, planned, limits, difference, np.empty_like(q), np.empty_like(q), found)
-        if not self.calls.planned_motion(_FORMS.index(form), K, steps, h, q, w, np.ascontiguousarray(u), *arrays):
+        found = np.empty((len(u) * steps, len(q) + len(w)))
+        arrays = q, w, np.ascontiguousarray(u), found
+        if not self.calls.planned_motion(_FORMS.index(form), len(u), steps, h, *arrays):
             return None
-        return found[:, : len(q)], found[:, len(q) : -nu], found[:, -nu:]
+        return found[:, : len(q)], found[:, len(q) :]
 
     def planned_steps(self, form: str, q: Array, w: Array, u: Array, h: Array) -> tuple[Array, Array] | None:
         """States (n, nq), (n, nw) of nodes after one midpoint step of each; None if Python has to step.

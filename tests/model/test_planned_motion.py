@@ -4,24 +4,19 @@ import numpy as np
 import pytest
 
 import systems
-from rnc_pin.model.evaluator import Evaluator, PlannedFeedback
+from rnc_pin.model.evaluator import Evaluator
 from rnc_pin.motion.optimal import Nodes, action_model
 from systems import random_states
 
 SYSTEMS = ("sleigh", "mobile_manipulator", "tiago", "free_flying_panda", "space_robot", "ackermann_car")
 
 
-def stepped(model, start, u, h, steps, feedback):
-    """The same motion step by step, with the difference of the configuration manifold."""
+def stepped(model, start, u, h, steps):
+    """The same motion step by step."""
     now, found = Nodes(*(each[None] for each in start)), []
-    for i in range(len(u) * steps):
-        used = u[i // steps]
-        if feedback is not None:
-            dx = model.difference(Nodes(feedback.q[i : i + 1], feedback.w[i : i + 1]), now)[0]
-            low, high = np.minimum(feedback.lower, used), np.maximum(feedback.upper, used)
-            used = np.clip(used + feedback.gains[i // steps] @ dx, low, high)
+    for used in np.repeat(u, steps, axis=0):
         now = model.step(now, used[None], np.array([h]))
-        found.append((now.q[0], now.w[0], used))
+        found.append((now.q[0], now.w[0]))
     return tuple(np.array(each) for each in zip(*found, strict=True))
 
 
@@ -35,7 +30,7 @@ def test_the_compiled_motion_is_that_of_the_steps(name, form, monkeypatch):
     ((q, v2),) = random_states(reduced, 1)
     start, u = (q, v2[: model.nw]), 0.1 * generator.normal(size=(3, model.nu))
     if reduced.evaluator.kernel is None:
-        assert reduced.evaluator.planned_motion(form, start, u, 1e-3, 4, None) is None
+        assert reduced.evaluator.planned_motion(form, start, u, 1e-3, 4) is None
         return
     states = random_states(reduced, 3)
     nodes = Nodes(np.array([q for q, _ in states]), np.array([v2[: model.nw] for _, v2 in states]))
@@ -48,12 +43,7 @@ def test_the_compiled_motion_is_that_of_the_steps(name, form, monkeypatch):
     apart = model.step(Nodes(*twice[:2]), twice[2], np.tile([1e-3, 0.02], 3))
     for one, other in zip(shared, apart, strict=True):  # steps from one node share its flow
         np.testing.assert_allclose(one, other, rtol=1e-13, atol=1e-13)
-    planned = [np.repeat(each[None], 12, axis=0) for each in start]
-    limits = np.full(model.nu, 0.05)
-    feedback = PlannedFeedback(*planned, generator.normal(size=(3, model.nu, model.nx)), -limits, limits)
-    for each in (None, feedback):
-        found = reduced.evaluator.planned_motion(form, start, u, 1e-3, 4, each)
-        expected = stepped(model, start, u, 1e-3, 4, each)
-        assert found is not None
-        for one, other in zip(found, expected, strict=True):
-            np.testing.assert_allclose(one, other, rtol=0, atol=1e-13 * (1 + np.abs(other).max(initial=0.0)))
+    found = reduced.evaluator.planned_motion(form, start, u, 1e-3, 4)
+    assert found is not None
+    for one, other in zip(found, stepped(model, start, u, 1e-3, 4), strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-13 * (1 + np.abs(other).max(initial=0.0)))

@@ -20,6 +20,7 @@ from rnc_pin.errors import ConfigurationError, InputError, RncError
 from rnc_pin.model import Kinematics, ReducedModel, Task
 from rnc_pin.motion import optimal
 from rnc_pin.motion.planning import Hold, OutputTarget, Reference, Way, find_way
+from rnc_pin.plants import ReducedPlant
 from rnc_pin.robots import Robot
 from rnc_pin.simulation import PlannedPath
 
@@ -172,8 +173,9 @@ class Plans:
         system = (scenario.robot, scenario.constraints, scenario.mimic, scenario.actuators, scenario.forces)
         problem = (scenario.outputs, scenario.obstacles, scenario.initial, scenario.planner, scenario.seed)
         chosen = _regulator(scenario)
-        gains = (chosen.gains, chosen.state_cost, chosen.input_cost, chosen.frequency)
-        key = repr((system, problem, gains))
+        simulation = scenario.simulation
+        assert simulation is not None
+        key = repr((system, problem, chosen, simulation.dt, simulation.plant_options))
         if key not in self._found:
             self._found[key] = build_plan(scenario, reduced, start, obstacles)
         return self._found[key]
@@ -193,8 +195,9 @@ def build_plan(
     Raises:
         RncError: the settings do not fit the model, or no plan is found.
     """
-    settings = scenario.planner
+    settings, simulation = scenario.planner, scenario.simulation
     assert settings is not None
+    assert simulation is not None
     names = (*reduced.reducing.names, *reduced.vertical.names)
     kinematic = settings.form == "kinematic"
     with RncError.at("planner"):
@@ -207,19 +210,17 @@ def build_plan(
             start.q,
             goal,
             duration,
-            form=settings.form,
             costs=list(_costs(settings, start, names)),
             bounds=list(feedback.bounds_of(settings, reduced, obstacles, start.q, settings.accuracy)),
             limits=None if settings.limits is None else settings.limits.build(),
             settings=settings.solver,
             guess=guess,
-            seeds=settings.seeds,
             seed=scenario.seed,
-            solutions=settings.solutions,
             v2_0=None if kinematic else start.v2,
-            at_rest=settings.at_rest,
-            time_weight=settings.time_weight,
-            feedback=_feedback(scenario, reduced),
+            **{name: getattr(settings, name) for name in ("form", "seeds", "solutions", "at_rest", "time_weight")},
+            feedback=lambda plan: _regulator(scenario).along(reduced, plan, simulation.joint_damping),
+            dt=simulation.dt,
+            plant=ReducedPlant(reduced, *simulation.plant_options),
         )
 
 
@@ -231,11 +232,6 @@ def _regulator(scenario: ScenarioFile) -> feedback.PlanFeedbackSettings:
     chosen = scenario.controller
     usual = feedback.PlanFeedbackSettings(type="plan_feedback")
     return chosen if isinstance(chosen, feedback.PlanFeedbackSettings) else usual
-
-
-def _feedback(scenario: ScenarioFile, reduced: ReducedModel) -> optimal.RunFeedback:
-    chosen = _regulator(scenario)
-    return "plan" if chosen.gains == "plan" else lambda found: chosen.regulator(reduced, found).K
 
 
 def planned_path(found: optimal.MotionPlan, reduced: ReducedModel, frame: str) -> PlannedPath:

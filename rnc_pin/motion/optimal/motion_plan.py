@@ -30,13 +30,13 @@ _ARRAYS = ("time", "q", "w", "u", "K", "position", "velocity", "acceleration")
 @printed(at="s")
 @dataclass(frozen=True)
 class Integration:
-    """Result of one re-integration of a plan with a fine step.
+    """Result of one re-integration of a plan.
 
     Attributes:
         violation: largest violation of a bound or of the goal [its unit]; infinite if the integration fails.
         name: name of that row; "" without a violation.
         at: its time [s].
-        deviation: largest difference between the integrated and the planned states at the nodes.
+        deviation: largest difference between the integrated and the planned states, at nodes or samples.
     """
 
     violation: float
@@ -48,17 +48,19 @@ class Integration:
 @printed()
 @dataclass(frozen=True)
 class PlanVerification:
-    """Results of re-integrations of a plan with a fine step: of the inputs alone, and with feedback.
+    """Results of re-integrations of a plan: of the inputs alone with a fine step, and of the sampled loop.
 
     Attributes:
         inputs: integration of the inputs without feedback.
-        feedback: integration with the feedback that the run will use; None if the inputs alone decide.
-        substeps: integrator steps in each interval.
+        feedback: integration of the loop that will run; None if the inputs alone decide.
+        substeps: integrator steps in each interval, without feedback.
+        dt: sampling period of the loop [s].
     """
 
     inputs: Integration
     feedback: Integration | None
     substeps: int
+    dt: float
 
     @property
     def decisive(self) -> Integration:
@@ -261,7 +263,7 @@ def _info(given: dict[str, Any]) -> PlanInfo:
         raise ConfigurationError(f"not a plan: fields {sorted(set(given) ^ known)}")
     given["bounds"] = tuple(map(tuple, given["bounds"]))
     values: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in given.items()}
-    verification = PlanVerification(inputs, feedback, stated["substeps"])
+    verification = PlanVerification(inputs, feedback, stated["substeps"], stated["dt"])
     return PlanInfo(**values, verification=verification, findings=findings)
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -23,16 +24,17 @@ from rnc_pin.motion.optimal.costs import Weight, weights_of
 from rnc_pin.motion.optimal.guesses import inputs_for
 from rnc_pin.motion.optimal.interior_point import RiccatiFactors
 from rnc_pin.motion.optimal.motion_plan import MotionPlan
-from rnc_pin.motion.planning.action_models import ActionModel, Form, KinematicModel, Nodes, action_model
+from rnc_pin.motion.planning.action_models import ActionModel, Form, Nodes, action_model
 from rnc_pin.printing import ReprMixin
 from rnc_pin.references.reference import ReferencePoint
 
 _AT_REST = 1e-3  # part of an interval: a plan that brakes in less time ends at rest
 _APPROACH = 50.0  # rate of the motion that ends at a bound [1/s], if samples are shorter than 10 ms
 _HORIZON = 1000  # intervals of the regulator at rest
-_FREQUENCY = 10.0  # of the closed loop [rad/s]: samples up to its inverse, 0.1 s, keep a double integrator stable
+FREQUENCY = 10.0  # of the closed loop [rad/s]: samples up to its inverse, 0.1 s, keep a double integrator stable
 _SMALL, _LEAST = 1e-6, 1e-9  # of the cost of an input, and of the largest: inputs that move the same share their work
 _SWEEPS = 3  # over the bounds of outputs that share inputs
+_TINY = 1e-300  # [rad/s^2 or m/s^2], where a plan stands
 _ROUNDING = 1e-12  # part of the largest velocity of the plan that is rounding
 
 
@@ -58,55 +60,27 @@ class PlanEnd:
     """
 
     def __init__(self, model: ActionModel, plan: MotionPlan) -> None:
-        self._model, self._plan = model, plan
-        self._driven = KinematicModel(model.reduced)
-        self._h = float(plan.time[-1] - plan.time[-2])
-        self._rates = np.zeros((1, model.r))
-        self.duration = self._braking(plan)
+        self._model, self._plan, self._driven = model, plan, action_model(model.reduced, "acceleration")
+        w = plan.w[-1:] if model.nw else np.zeros((1, model.r))
+        largest = np.abs(plan.acceleration[:, :, : model.r]).max(axis=(0, 1))
+        speed = np.where(np.abs(w[0]) > _ROUNDING * np.abs(plan.w).max(initial=0.0), np.abs(w[0]), 0.0)
+        least = np.maximum(speed / plan.duration, _TINY)  # a stop takes no longer than the plan
+        total, h = float((speed / np.maximum(largest, least)).max()), float(plan.time[-1] - plan.time[-2])
+        count = int(np.ceil(total / h - 1e-9)) if total >= _AT_REST * h else 0
+        self.duration = total if count else 0.0
+        self._h, self._rates = total / max(count, 1), np.repeat(-w / (total or 1.0), max(count, 1), axis=0)
+        found = [Nodes(plan.q[-1:], w)]
+        for _ in range(count):
+            found.append(self._driven.step(found[-1], self._rates[:1], np.array([self._h])))
+        self._nodes = Nodes(*(np.concatenate(each) for each in zip(*found, strict=True)))
 
     def at(self, since: float) -> tuple[Nodes, Array]:
         """State (one node) and input at a time after the end of the plan [s]."""
         if since >= self.duration:
             return self._standing
-        k = min(int(since / self._h), round(self.duration / self._h) - 1)
-        start = self._starts[k]
-        middle = Nodes(self._moved(start, k * self._h, self._h / 2), self._velocity((k + 0.5) * self._h))
-        q = self._moved(start, k * self._h, since - k * self._h)
-        at = Nodes(q, self._velocity(since) if self._model.nw else self._plan.w[-1:])
-        return at, self._input(middle, self._rates)  # one for the whole interval
-
-    def _velocity(self, since: float) -> Array:
-        """Reduced velocity (1, r) at a time after the end of the plan."""
-        last = self._plan.w if self._model.nw else self._plan.u
-        return last[-1:] + since * self._rates
-
-    def _moved(self, q: Array, since: float, step: float) -> Array:
-        """Configuration (1, nq) after a step from a time on, with the velocity of its middle."""
-        speed = self._velocity(since + step / 2)
-        return self._driven.step(Nodes(q, np.empty((1, 0))), speed, np.array([step])).q
-
-    def _braking(self, plan: MotionPlan) -> float:
-        """Duration of the stop, a whole number of intervals; it sets their length and the reduced acceleration."""
-        if not self._model.nw:
-            return 0.0
-        largest = np.abs(plan.acceleration[:, :, : self._model.r]).max(axis=(0, 1))
-        speed = np.abs(plan.w[-1])
-        moves = speed > _ROUNDING * np.abs(plan.w).max(initial=0.0)
-        least = speed[moves] / plan.duration  # a stop takes no longer than the plan
-        total = float((speed[moves] / np.maximum(largest[moves], least)).max(initial=0.0))
-        if total < _AT_REST * self._h:
-            return 0.0
-        count = int(np.ceil(total / self._h - 1e-9))
-        self._h, self._rates = total / count, -plan.w[-1:] / total
-        return total
-
-    @cached_property
-    def _starts(self) -> list[Array]:
-        """Configurations (1, nq) at the starts of the intervals, and at the end."""
-        found = [self._plan.q[-1:]]
-        for k in range(round(self.duration / self._h)):
-            found.append(self._moved(found[-1], k * self._h, self._h))
-        return found
+        now, k = self._driven.during(self._nodes, self._rates, self._h, since)
+        middle, _ = self._driven.during(self._nodes, self._rates, self._h, (k + 0.5) * self._h)
+        return now, self._input(middle, self._rates[:1])  # one for the whole interval
 
     def _input(self, at: Nodes, rates: Array) -> Array:
         """Input of the form that gives reduced accelerations (1, r), or comes nearest to them."""
@@ -121,8 +95,19 @@ class PlanEnd:
     def _standing(self) -> tuple[Nodes, Array]:
         """State at rest after the stop, and the input that holds it."""
         zeros = np.zeros((1, self._model.nw))
-        rest = Nodes(self._starts[-1], zeros)
+        rest = Nodes(self._nodes.q[-1:], zeros)
         return rest, self._input(rest, zeros) if self._model.form == "dynamic" else np.zeros(self._model.nu)
+
+
+class FeedbackState(NamedTuple):
+    """Last sample of a feedback along a plan."""
+
+    time: float
+    """Its time [s]."""
+    u: Float[Array, " nu"]
+    """Its input, in the form of the plan."""
+    dx: Float[Array, " nx"]
+    """Measured state minus the planned one."""
 
 
 class PlanFeedback(ReprMixin):
@@ -132,7 +117,7 @@ class PlanFeedback(ReprMixin):
     that results. Reads from the measurement ``q, v2``.
 
     Commands are held from sample to sample: planned inputs are their means over a sample, and forces those of the
-    state in its middle. The state of the controller is the time of the last sample.
+    state in its middle.
 
     Inputs stay within the bounds of the plan. They also keep outputs of the model and reduced velocities within theirs,
     as far as they can: each output approaches a bound no faster than a critically damped motion ends there.
@@ -150,6 +135,8 @@ class PlanFeedback(ReprMixin):
             about the state at rest, whose horizon is 1000 intervals. Directions that no input moves there, such as
             aside of a wheel, keep their error. By default, the last gains of K hold after the end, and 10 rad/s
             without K.
+        joint_damping: True for a plant with the viscous joint damping of the robot's file: forces and inputs then
+            contain what the damping takes at the planned velocity.
 
     Raises:
         ConfigurationError: plan, gains and model do not fit.
@@ -175,8 +162,9 @@ class PlanFeedback(ReprMixin):
         K: Float[Array, "K nu nx"] | None = None,
         bandwidth: Positive = 20.0,
         weights: RegulatorWeights | None = None,
+        joint_damping: bool = False,
     ) -> None:
-        self.plan, self.bandwidth = plan, bandwidth
+        self.plan, self.bandwidth, self.joint_damping = plan, bandwidth, joint_damping
         self._reduced, self._model = reduced, fitting_model(reduced, plan)
         self.K = gains_for(plan, plan.K if K is None else K)
         self._after = PlanEnd(self._model, plan)
@@ -185,15 +173,18 @@ class PlanFeedback(ReprMixin):
         inputs, kinematic = plan.info.input_names, self._model.form == "kinematic"
         known = {"output": names, "velocity": inputs if kinematic else reduced.reducing.names, "input": inputs}
         self._outputs = plan.reference() if plan.info.output_names == names else None
-        self._sides: dict[str, list[tuple[int, Array, float]]] = {quantity: [] for quantity in known}
-        for quantity, name, low, high in plan.info.bounds:
-            if name in known[quantity]:
-                k, room = known[quantity].index(name), 0.0
-                if quantity != "input" and self._outputs is not None:
-                    values = (plan.position if quantity == "output" else plan.velocity)[..., k]
-                    room = min(float(values.min()) - low, high - float(values.max())) / 2.0
-                self._sides[quantity].append((k, np.array([low, high]), room))
-        self.weights = _FREQUENCY if K is None and weights is None else weights
+        self._sides = dict[str, tuple[Array, Array, Array]]()
+        for quantity, own in known.items():
+            bounds = [
+                (own.index(name), *sides) for kind, name, *sides in plan.info.bounds if kind == quantity and name in own
+            ]
+            k, low, high = np.array(bounds, dtype=float).reshape(-1, 3).T
+            k, room = k.astype(int), np.zeros(len(k))
+            if quantity != "input" and self._outputs is not None:
+                values = (plan.position if quantity == "output" else plan.velocity).reshape(-1, len(names))[:, k]
+                room = np.minimum(values.min(axis=0) - low, high - values.max(axis=0)) / 2.0
+            self._sides[quantity] = k, np.stack([low, high], axis=1), room
+        self.weights = FREQUENCY if K is None and weights is None else weights
 
     def describe(self) -> Description:
         """Return the form, the duration and the outcome of the plan, and the largest size of each gain."""
@@ -204,28 +195,37 @@ class PlanFeedback(ReprMixin):
     def initial_state(self, measurement: Measurement) -> None:
         """Return None: there is no last sample."""
 
-    def step(self, t: float, measurement: Measurement, state: float | None = None) -> tuple[Command, float]:
+    def step(
+        self, t: float, measurement: Measurement, state: FeedbackState | None = None
+    ) -> tuple[Command, FeedbackState]:
         q, v2, model = np.asarray(measurement.q), np.asarray(measurement.v2), self._model
-        dt = 0.0 if state is None else t - state
+        dt = 0.0 if state is None else t - state.time
         planned, feedforward, K = self.planned(t)
         if dt > 0 and t < self.plan.duration:
             ends = np.clip(self.plan.time, t, t + dt) - t
             feedforward = np.diff(ends) @ self.plan.u / dt + (1.0 - ends[-1] / dt) * self._after.at(0.0)[1]
-        moved = pin.difference(self._reduced.robot.model, planned.q[0], q)
-        u = feedforward + K @ (np.concatenate([moved, v2 - planned.w[0]]) if model.nw else moved)
+        dx = pin.difference(self._reduced.robot.model, planned.q[0], q)
+        dx = np.concatenate([dx, v2 - planned.w[0]]) if model.nw else dx
         over = t - self.plan.duration > 0 and self._after.duration > 0  # the plan has no outputs after its end
         known = None if over or self._outputs is None else self._outputs.at(t)  # those of another model
-        u = self._bounded(u, feedforward, q, v2, dt, known)
-        v2_desired = model.velocity(planned, feedforward[None])[0]
+        v2_desired, force = model.velocity(planned, feedforward[None])[0], np.zeros(model.r)
+        if self.joint_damping:
+            now = planned if not dt else self.planned(t + dt / 2)[0]
+            at = self._reduced.at(now.q[0], now.w[0] if model.nw else v2_desired)
+            force = at.R.T @ (self._reduced.robot.model.damping * at.v)
+            if model.form == "dynamic":
+                feedforward = feedforward + at.allocate(force)
+        u = self._bounded(feedforward + K @ dx, feedforward, q, v2, dt, known)
+        state = FeedbackState(t, u, dx)
         x2, x1 = (None, None) if known is None else np.split(known.position, [model.r])
         if model.form == "dynamic":
-            return Command(None, u, v2_desired, x1, x2), t
+            return Command(None, u, v2_desired, x1, x2), state
         rate = u if model.form == "acceleration" else self.bandwidth * (u - v2)
         middle = Nodes(q[None], v2[None])
         if dt > 0:
             middle = self._driven.step(middle, rate[None], np.array([dt / 2]))
         F = self._reduced.evaluator.inverse_dynamics(middle.q[0], middle.w[0], rate, t + dt / 2)
-        return Command(F, None, v2_desired, x1, x2), t
+        return Command(F + force, None, v2_desired, x1, x2), state
 
     def _bounded(self, u: Array, planned: Array, q: Array, v2: Array, dt: float, plan: ReferencePoint | None) -> Array:
         """Input within its bounds, by which outputs and velocities stay within theirs as far as inputs allow.
@@ -236,35 +236,38 @@ class PlanFeedback(ReprMixin):
         model, rate = self._model, _APPROACH if self._model.nw else self.bandwidth / 4.0
         rate = min(rate, 0.5 / dt) if dt > 0 else rate
         outputs, speeds, inputs = self._sides.values()
-        if outputs or speeds:
+        if len(outputs[0]) or len(speeds[0]):
             at, zero = self._reduced.at(q, v2), np.zeros(model.r)
             x1, x2 = at.outputs()
-            rows, x, rates = np.vstack([np.eye(model.r), at.A_star]), np.r_[x2, x1], np.r_[v2, at.v1]
+            rows = np.concatenate([np.eye(model.r), at.A_star])
+            x, rates = np.concatenate([x2, x1]), np.concatenate([v2, at.v1])
             if model.form == "kinematic":
                 free = rates - rows @ v2
                 values = [(outputs, rate, x, plan and plan.position)]
             else:
-                free = np.r_[zero, at.J1 @ at.v_dot(zero) + at.J1_dot @ at.v]
+                free = np.concatenate([zero, at.J1 @ at.v_dot(zero) + at.J1_dot @ at.v])
                 ends = plan and plan.position + 2.0 / rate * plan.velocity
                 values = [(outputs, rate**2, x + 2.0 / rate * rates, ends)]
                 values += [(speeds, rate, rates, plan and plan.velocity)]
             if model.form == "dynamic":
                 rows, passive = (rows @ each for each in at.input_accelerations)
                 free += passive
-            wanted = list[tuple[int, Array]]()
-            for limited, gain, value, aim in values:
-                for k, sides, room in limited:
-                    change = gain * (sides - value[k])
-                    if aim is not None:
-                        ahead = value[k] - aim[k]
-                        near, own = np.array([-ahead, ahead]) <= room, rows[k] @ planned + free[k] - gain * ahead
-                        change = np.where(near, [min(change[0], own), max(change[1], own)], change)
-                    wanted.append((k, change - free[k]))
-            for k, interval in wanted * _SWEEPS:
-                now = rows[k] @ u
-                u = u + rows[k] * ((np.clip(now, *interval) - now) / max(rows[k] @ rows[k], _ROUNDING))
-        for k, sides, _ in inputs + (speeds if model.form == "kinematic" else []):
-            u[k] = np.clip(u[k], *sides)
+            wanted = []
+            for (k, sides, room), gain, value, aim in values:
+                change = gain * (sides.T - value[k])
+                if aim is not None:
+                    ahead = value[k] - aim[k]
+                    own = rows[k] @ planned + free[k] - gain * ahead
+                    wider = np.minimum(change[0], own), np.maximum(change[1], own)
+                    change = np.where(np.stack([-ahead, ahead]) <= room, wider, change)
+                wanted.append((rows[k], *(change - free[k])))
+            A, low, high = (np.concatenate(each) for each in zip(*wanted, strict=True))
+            if (np.clip(A @ u, low, high) != A @ u).any():
+                for row, least, most in list(zip(A, low, high, strict=True)) * _SWEEPS:
+                    now = row @ u
+                    u = u + row * ((np.clip(now, least, most) - now) / max(row @ row, _ROUNDING))
+        for k, sides, _ in [inputs, speeds] if model.form == "kinematic" else [inputs]:
+            u[k] = np.clip(u[k], *sides.T)
         return u
 
     @cached_property
@@ -293,7 +296,8 @@ def tvlqr(
     state_cost: Weight | None = None,
     input_cost: Weight | None = None,
     final_cost: Weight | None = None,
-    frequency: Positive = _FREQUENCY,
+    frequency: Positive = FREQUENCY,
+    joint_damping: bool = False,
 ) -> PlanFeedback:
     """Return a time-varying linear-quadratic regulator about a plan.
 
@@ -314,6 +318,7 @@ def tvlqr(
         input_cost: weights R in the same forms, positive; one if only Q is given.
         final_cost: weights of the last state; ten times Q by default, and of the natural frequency without costs.
         frequency: natural frequency without costs [rad/s].
+        joint_damping: as for ``PlanFeedback``.
 
     Raises:
         ConfigurationError: a weight is negative, or names an unknown state; the plan does not fit the model.
@@ -334,7 +339,7 @@ def tvlqr(
     last = None if final_cost is None else weights_of(final_cost, plan.info.state_names)
     at, numbers = Nodes(plan.q[:-1], plan.w[:-1]), _numbers(plan, weights)
     K = regulator_gains(model, at, plan.u, np.diff(plan.time), numbers, last)
-    return PlanFeedback(reduced, plan, K, weights=weights)
+    return PlanFeedback(reduced, plan, K, weights=weights, joint_damping=joint_damping)
 
 
 def gains_for(plan: MotionPlan, K: ArrayLike) -> Float[Array, "K nu nx"]:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import chain
 from typing import NamedTuple, TypeGuard
 
 import numpy as np
 from numpy import ndarray as Array
-from numpy.typing import ArrayLike
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import InfeasibleError, RncError
@@ -17,19 +17,15 @@ from rnc_pin.model.coordinates import Coordinates, rotation_vector_rates
 from rnc_pin.motion.optimal.bounds import DISTANCE
 from rnc_pin.motion.optimal.guesses import GIVEN, resampled
 from rnc_pin.motion.optimal.motion_plan import Integration, MotionPlan, PlanInfo, PlanVerification
-from rnc_pin.motion.optimal.plan_feedback import gains_for
 from rnc_pin.motion.optimal.sequential_quadratic import GuessSolver, LimitSolver, Solution, SolverSettings
 from rnc_pin.motion.optimal.transcription import Iterate, Transcription
-from rnc_pin.motion.optimal.verification import Excess, excess_text, plan_findings, verify_inputs
+from rnc_pin.motion.optimal.verification import Excess, RunLoop, excess_text, plan_findings, verify_inputs, verify_loop
 from rnc_pin.motion.planning.action_models import ActionModel, Nodes
 
 _TIGHTENED = 4  # times that nodes near places that come too close get a larger distance
 _HELPS = 2.0  # factor by which halved intervals reduce a violation that they cause
 _REFINED = 2  # times the iterations from a guess: those of all improvements of its solution
 _SAME = 0.1  # of the accuracy, but not less than the tolerance: two solutions whose states differ by less are the same
-
-Gains = Callable[[MotionPlan], ArrayLike]
-"""Gains (K, nu, nx) of the feedback along a plan."""
 
 
 def output_nodes(
@@ -96,12 +92,47 @@ class SearchEffort(NamedTuple):
     alone: bool = False
 
 
-class _Made(NamedTuple):
-    """Plan with its solution, and the rows that it exceeds after verification, largest first."""
+@dataclass(frozen=True, eq=False)
+class _Made:
+    """Plan with its solution, and with the rows that its inputs alone exceed, largest first.
 
-    plan: MotionPlan
+    The loop that will run is verified when it counts, because it takes long.
+    """
+
+    problem: Transcription
+    unverified: MotionPlan
     solution: Solution
-    excesses: tuple[Excess, ...]
+    alone: Integration
+    beyond: tuple[Excess, ...]
+    loop: RunLoop
+
+    @cached_property
+    def _followed(self) -> tuple[Integration | None, tuple[Excess, ...]]:
+        """The verified loop, and rows that the motion which decides exceeds, largest first."""
+        loop, plan = self.loop, self.unverified
+        if loop.feedback is None:
+            return None, self.beyond
+        return verify_loop(self.problem, self.solution.iterate, loop.feedback(plan), loop, plan.info.accuracy)
+
+    @property
+    def excesses(self) -> tuple[Excess, ...]:
+        """Rows that the motion which decides exceeds, largest first."""
+        return self._followed[1]
+
+    @cached_property
+    def plan(self) -> MotionPlan:
+        """The verified plan."""
+        info, at = self.unverified.info, self.solution.iterate
+        found = PlanVerification(self.alone, self._followed[0], info.verification.substeps, self.loop.dt)
+        findings = plan_findings(self.problem, at, self.excesses, found, info.accuracy)
+        holds = found.violation <= info.accuracy and info.outcome != "infeasible"
+        outcome = info.outcome if holds else "unverified"
+        return replace(self.unverified, info=replace(info, outcome=outcome, verification=found, findings=findings))
+
+    @property
+    def confirmed(self) -> bool:
+        """True if the verification confirms the plan."""
+        return self.plan.info.outcome != "unverified"
 
 
 class PlanSearch:
@@ -114,14 +145,12 @@ class PlanSearch:
     Args:
         problem: the problem.
         settings: settings of the solver.
-        gains: gains of the feedback that the run will use; None if the inputs alone decide.
         effort: guesses that are solved before the cheapest solution is tried, and how.
+        loop: the loop that will run.
     """
 
-    def __init__(
-        self, problem: Transcription, settings: SolverSettings, gains: Gains | None, effort: SearchEffort
-    ) -> None:
-        self._problem, self._settings, self._gains, self._effort = problem, settings, gains, effort
+    def __init__(self, problem: Transcription, settings: SolverSettings, effort: SearchEffort, loop: RunLoop) -> None:
+        self._problem, self._settings, self._effort, self._loop = problem, settings, effort, loop
         self._narrow = problem.changed(margins={DISTANCE: np.full(problem.K + 1, -settings.accuracy)})
         self._tried = self._solved = 0
         self._failed: list[Solution] = []
@@ -167,7 +196,7 @@ class PlanSearch:
             if any(self._same(best.iterate, each) for each in self._vain):
                 continue
             made = self._refined(best)
-            if _confirmed(made):
+            if made.confirmed:
                 return made.plan
             self._rejected.append(made)
             self._vain.append(best.iterate)
@@ -224,10 +253,11 @@ class PlanSearch:
         lacking = solution.iterations and problem.worst(problem.values(at), at.duration).amount > settings.tolerance
         made = self._improved(problem, solution) if lacking else None
         problem = self._narrow if lacking and made is None else problem
-        best = made = made or self._completed(problem, solution)
+        found = [made or self._completed(problem, solution)]
         for _ in range(settings.refinements):
-            alone = made.plan.info.verification.inputs.violation
-            if alone <= settings.accuracy or (_confirmed(made) and alone > before / _HELPS):
+            made = found[-1]
+            alone = made.alone.violation
+            if alone <= settings.accuracy or (alone > before / _HELPS and made.confirmed):
                 break
             K, before = 2 * problem.K, alone
             margins = problem.margins | self._margins(problem, made, ("velocity", "output"), 0.25)
@@ -235,9 +265,10 @@ class PlanSearch:
             after = self._improved(finer, made.solution)
             if after is None:
                 break
-            problem, made = finer, after
-            best = min(best, made, key=_violation)
+            problem = finer
+            found.append(after)
         for _ in range(_TIGHTENED):
+            made = found[-1]
             beyond = [each.quantity for each in made.excesses if each.amount > settings.accuracy]
             if not beyond or set(beyond) - {DISTANCE, "velocity", "output"}:
                 break
@@ -245,9 +276,8 @@ class PlanSearch:
             after = self._improved(problem, made.solution)
             if after is None:
                 break
-            made = after
-            best = min(best, made, key=_violation)
-        return best
+            found.append(after)
+        return found[-1] if found[-1].confirmed else min(found, key=_violation)
 
     def _margins(self, problem: Transcription, made: _Made, kinds: Sequence[str], share: float) -> dict[str, Array]:
         """Margins of rows that are violated by more than the accuracy, for a share of the violation.
@@ -255,7 +285,7 @@ class PlanSearch:
         Distances have margins next to places that come too near, other rows at all nodes. The goal keeps its place, so
         that the last node has none.
         """
-        margins, h = dict[str, Array](), made.plan.duration / problem.K
+        margins, h = dict[str, Array](), made.unverified.duration / problem.K
         for each in made.excesses:
             if each.quantity not in kinds or share * each.amount <= self._settings.accuracy:
                 continue
@@ -292,50 +322,20 @@ class PlanSearch:
     def _completed(self, problem: Transcription, found: Solution) -> _Made:
         """Plan of a solution with its verification."""
         at, model, settings = found.iterate, problem.model, self._settings
-        position, velocity, acceleration = output_nodes(model, at)
-        reduced = model.reduced
+        reduced, time = model.reduced, np.linspace(0.0, at.duration, problem.K + 1)
         states = tuple(reduced.robot.velocity_names)
         if model.nw:
             states += tuple(f"{each} (rate)" for each in reduced.reducing.names)
-        unknown = PlanVerification(Integration(np.inf, "", 0.0, np.inf), None, settings.substeps)
+        names = model.input_names, states, (*reduced.reducing.names, *reduced.vertical.names)
+        alone, beyond = verify_inputs(problem, at, settings.substeps, settings.accuracy)
         info = PlanInfo(
-            form=model.form,
-            input_names=model.input_names,
-            state_names=states,
-            output_names=(*reduced.reducing.names, *reduced.vertical.names),
-            cost=found.cost,
-            violation=found.violation.amount,
-            violated=found.violation.name,
-            iterations=found.iterations,
-            guess=found.guess,
-            outcome="unverified",
-            verification=unknown,
-            accuracy=settings.accuracy,
-            guesses=self._tried,
-            solutions=self._solved,
-            bounds=_limits_of(problem),
-        )
-        plan = MotionPlan(
-            time=np.linspace(0.0, at.duration, problem.K + 1),
-            q=np.array(at.q),
-            w=np.array(at.w),
-            u=np.array(at.u),
-            K=problem.feedback_gains(at, found.linear),
-            position=position,
-            velocity=velocity,
-            acceleration=acceleration,
-            info=info,
-        )
-        gains = None if self._gains is None else gains_for(plan, self._gains(plan))
-        verified, excesses = verify_inputs(problem, at, settings.substeps, gains, settings.accuracy)
-        confirmed = verified.violation <= settings.accuracy and found.outcome != "infeasible"
-        info = replace(
-            info,
-            outcome=found.outcome if confirmed else "unverified",
-            verification=verified,
-            findings=plan_findings(problem, at, excesses, verified, settings.accuracy),
-        )
-        return _Made(replace(plan, info=info), found, excesses)
+            model.form, *names, found.cost, found.violation.amount, found.violation.name, found.iterations, found.guess,
+            found.outcome, PlanVerification(alone, None, settings.substeps, self._loop.dt), settings.accuracy,
+            self._tried, self._solved, _limits_of(problem),
+        )  # fmt: skip
+        (q, w, u), K = map(np.array, (at.q, at.w, at.u)), problem.feedback_gains(at, found.linear)
+        plan = MotionPlan(time, q, w, u, K, *output_nodes(model, at), info)
+        return _Made(problem, plan, found, alone, beyond, self._loop)
 
     # ------------------------------------------------------------------ refusal
 
@@ -358,8 +358,9 @@ class PlanSearch:
         return found
 
     def _unverified(self) -> InfeasibleError:
-        plan, _, excesses = min(self._rejected, key=_violation)
-        again = "re-integration with feedback" if plan.info.verification.feedback is not None else "re-integration"
+        made = min(self._rejected, key=_violation)
+        plan, excesses = made.plan, made.excesses
+        again = "re-integration" if self._loop.feedback is None else f"a loop with samples of {self._loop.dt:g} s"
         intervals, guesses = f"up to {len(plan.u)} intervals", f"{self._solved} of {self._tried} guesses"
         allowed = "iterations (improvements took all of theirs)" if self._spent else "refinements"
         found = InfeasibleError(
@@ -372,14 +373,10 @@ class PlanSearch:
         return found
 
 
-def _confirmed(made: _Made) -> bool:
-    return made.plan.info.outcome != "unverified"
-
-
 def _violation(made: _Made) -> tuple[bool, float]:
     """Order of plans: confirmed ones first, then by the largest violation in both integrations."""
     found = made.plan.info.verification
-    return not _confirmed(made), max(found.violation, found.inputs.violation) if _confirmed(made) else found.violation
+    return not made.confirmed, max(found.violation, found.inputs.violation) if made.confirmed else found.violation
 
 
 def _limits_of(problem: Transcription) -> tuple[tuple[str, str, float, float], ...]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from typing import Annotated, Literal, TypeVar
 
 import numpy as np
@@ -15,20 +16,28 @@ from numpy.typing import ArrayLike
 
 from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError, ModelWarning, short_text
-from rnc_pin.model.input_validation import NotNegative, check_settings, is_count, is_number
+from rnc_pin.model.input_validation import (
+    NotNegative,
+    Positive,
+    check_positive_settings,
+    check_settings,
+    is_count,
+    is_number,
+)
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.motion.optimal.bounds import BoundKind, DistanceBound, DistanceRows, FileLimits, Goal, GoalRows, NodeBound
 from rnc_pin.motion.optimal.costs import CostKind, EffortCost, OutputCost
 from rnc_pin.motion.optimal.guesses import Guess, guesses
 from rnc_pin.motion.optimal.motion_plan import MotionPlan
 from rnc_pin.motion.optimal.node_data import NodeData
-from rnc_pin.motion.optimal.plan_feedback import tvlqr
-from rnc_pin.motion.optimal.plan_search import Gains, PlanSearch, SearchEffort
+from rnc_pin.motion.optimal.plan_feedback import PlanFeedback, tvlqr
+from rnc_pin.motion.optimal.plan_search import PlanSearch, SearchEffort
 from rnc_pin.motion.optimal.sequential_quadratic import SolverSettings
 from rnc_pin.motion.optimal.transcription import Iterate, Transcription
-from rnc_pin.motion.optimal.verification import CONTACT
+from rnc_pin.motion.optimal.verification import CONTACT, RunLoop
 from rnc_pin.motion.planning.action_models import ActionModel, Form, Nodes, action_model
 from rnc_pin.motion.planning.way import Way, intervals_along
+from rnc_pin.plants import ReducedPlant
 from rnc_pin.references.reference import Reference
 
 _T = TypeVar("_T", CostKind, BoundKind)
@@ -185,9 +194,9 @@ _USUAL = 5  # guesses among whose solutions the cheapest is chosen, where the st
 _ROUNDING = 1e-6  # of a velocity along the straight line
 _DEFAULT, _OF_FILE = SolverSettings(), FileLimits()
 
-RunFeedback = Literal["tvlqr", "plan"] | Gains | None
-"""Feedback that a run will use: the gains of ``rnc.tvlqr(reduced, plan)``, those of the plan, a function from a plan to
-gains (K, nu, nx), or None for the inputs alone."""
+RunFeedback = Literal["tvlqr", "plan"] | Callable[[MotionPlan], PlanFeedback | ArrayLike] | None
+"""Feedback that a run will use: ``rnc.tvlqr(reduced, plan)``, the gains of the plan, a function from a plan to its
+``PlanFeedback`` or to gains (K, nu, nx), or None for the inputs alone."""
 
 
 def plan_motion(
@@ -209,6 +218,8 @@ def plan_motion(
     at_rest: bool = True,
     time_weight: NotNegative = 0.0,
     feedback: RunFeedback = "tvlqr",
+    dt: Positive = 0.01,
+    plant: ReducedPlant | None = None,
 ) -> MotionPlan:
     """Return an optimal motion of a reduced system from a configuration to a goal.
 
@@ -216,10 +227,10 @@ def plan_motion(
     guess. The result is a local optimum. If the rows do not allow the straight line, a few guesses are solved, and the
     cheapest plan is returned; ``solutions`` tells how many have to lead to one.
 
-    Verification decides. A fine step integrates the inputs, without feedback and with the feedback that the run will
-    use; goal, bounds and distances count at every step and between steps. A plan that violates one by more than
-    ``settings.accuracy`` is solved again with half the intervals' length, then from the other guesses. If the
-    refinements do not help without feedback, the motion with feedback decides: the motion may be unstable.
+    Verification decides. A fine step integrates the inputs alone; then the loop runs that will run the plan, sample by
+    sample, with its feedback and plant. Goal, bounds and distances count at every step or sample. A plan that violates
+    one by more than ``settings.accuracy`` is solved again with half the intervals' length, then from the other guesses.
+    If the refinements do not help without feedback, the loop decides: the motion may be unstable.
 
     Args:
         reduced: the model.
@@ -247,7 +258,10 @@ def plan_motion(
         at_rest: True if the motion ends at rest.
         time_weight: cost of a free duration [1/s].
         feedback: feedback that the run will use: "tvlqr" for ``rnc.tvlqr(reduced, plan)``, "plan" for the gains of the
-            plan, a function from a plan to gains, or None if it drives the inputs alone.
+            plan, a function from a plan to its ``PlanFeedback`` or to gains, or None if it drives the inputs alone.
+        dt: sampling period of the loop that will run the plan [s], which ``plan.info.verification`` states.
+        plant: plant of the run, with its damping, friction and clipping; ``ReducedPlant(reduced)`` by default. In the
+            kinematic form and without all actuators, inputs held over each sample move the model.
 
     Raises:
         InfeasibleError: no guess led to a verified motion; the message names the violated row and what was tried, and
@@ -275,11 +289,15 @@ def plan_motion(
     if not isinstance(settings, SolverSettings):
         raise ConfigurationError(f"settings: expected SolverSettings, found {short_text(settings)}")
     check_settings(settings)
+    check_positive_settings(dt=dt)
     for name, count, least in (("seeds", seeds, 0), ("solutions", wanted, 1)):
         if not is_count(count, least):
             raise ConfigurationError(f"{name}: expected an integer of at least {least}, found {count!r}")
     if not (is_number(time_weight) and time_weight >= 0):
         raise ConfigurationError(f"time_weight: expected a number of at least 0, found {time_weight!r}")
+
+    damped = plant is not None and plant.joint_damping
+    loop = RunLoop(None if feedback is None else partial(_regulator, reduced, feedback, damped), dt, plant)
 
     def solved(guess: Guess, settings: SolverSettings, seeds: int) -> MotionPlan:
         problem = build_problem(model, start, end, duration, costs, bounds, settings.nodes, limits)
@@ -291,7 +309,7 @@ def plan_motion(
         effort = SearchEffort(wanted, np.inf, alone=not seeds and wanted == 1)
         if solutions is None and seeds and guess is None:
             effort = effort._replace(solutions=_USUAL if _bends(problem, first[1]) else 1, guesses=_USUAL)
-        return PlanSearch(problem, settings, _gains(reduced, feedback), effort).run(first, starts)
+        return PlanSearch(problem, settings, effort, loop).run(first, starts)
 
     if isinstance(guess, Way) and not guess.v.any():
         guess = guess.q[[0, -1]]  # a way that stays has no pieces
@@ -319,13 +337,14 @@ def _bends(problem: Transcription, line: Iterate) -> bool:
     return bool(np.abs(allowed - v).max() > _ROUNDING * np.abs(v).max())
 
 
-def _gains(reduced: ReducedModel, feedback: RunFeedback) -> Gains | None:
-    """Function from a plan to the gains of its feedback."""
+def _regulator(reduced: ReducedModel, feedback: RunFeedback, damped: bool, plan: MotionPlan) -> PlanFeedback:
+    """Feedback along a plan."""
     if feedback == "tvlqr":
-        return lambda plan: tvlqr(reduced, plan).K
-    if feedback == "plan":
-        return lambda plan: plan.K
-    return feedback
+        return tvlqr(reduced, plan, joint_damping=damped)
+    found = feedback(plan) if callable(feedback) else plan.K
+    if isinstance(found, PlanFeedback):
+        return found
+    return PlanFeedback(reduced, plan, np.asarray(found, dtype=float), joint_damping=damped)
 
 
 def _warn_of_differences(problem: Transcription) -> None:

@@ -21,7 +21,7 @@ from rnc_pin.motion.optimal.costs import CostKind
 from rnc_pin.motion.optimal.guesses import inputs_for
 from rnc_pin.motion.optimal.motion_plan import MotionPlan
 from rnc_pin.motion.optimal.node_data import NodeData
-from rnc_pin.motion.optimal.plan_feedback import regulator_gains, tvlqr
+from rnc_pin.motion.optimal.plan_feedback import FREQUENCY, regulator_gains, tvlqr
 from rnc_pin.motion.optimal.planner import build_problem, initial_node, plan_motion
 from rnc_pin.motion.optimal.sequential_quadratic import SolverSettings
 from rnc_pin.motion.optimal.set_point import AT_REST, SetPoint, nearer_plan
@@ -34,7 +34,10 @@ _SETTLED = 4.0  # time constants of this feedback before the error counts
 _SAMPLES = 40  # whose mean is the error at rest: noise that is above the tolerance now and then starts no plan
 _STATE_COST = 10.0  # of feedback by velocities: they know no inertia, and the costs lead aside motions
 _MOST_NODES = 1000  # of SolverSettings
-_SLOWER = 0.7  # factor of the velocity in each sample, where velocities are the commands, while the robot brakes
+_FARTHEST = 0.5  # place at which a robot is held, from the robot [m or rad]: 50 m/s^2 or rad/s^2 by forces
+_SAMPLED = (
+    0.15  # natural frequency at rest times the sampling period, at most: for measurements a sample late, with noise
+)
 _RETRY, _LONGEST = 1.0, 6  # time until the next search after the first one in vain [s], and how often it doubles
 
 
@@ -55,6 +58,15 @@ class SetPointState(NamedTuple):
     """Mean displacement from the goal while the robot stands."""
     samples: int
     """Measurements in this mean; from 40 on, older ones fade."""
+    hold: Float[Array, " nq"]
+    """Configuration to which the feedback leads away from plans."""
+    rate: Float[Array, " r"]
+    """Reduced velocity of this configuration."""
+    bias: Float[Array, " r"]
+    """Acceleration by which the feedback balanced what the model lacks at the last rest; a velocity where velocities
+    are the commands."""
+    time: float
+    """Time of the last step [s]."""
     next_check: float
     """Time of the next check of the error, or of the end that the feedback leads to [s]."""
     plans: int
@@ -71,6 +83,10 @@ class SetPointController(DescribedMixin):
     ``check`` seconds it integrates the rest of the plan with its feedback from the measured state. So it knows whether
     the state is still in the tube from which the feedback leads to the goal; outside, it brakes and plans again. It
     also plans again if the robot comes to rest away from the goal.
+
+    Where it stands, it is held in the directions that inputs move, with a natural frequency of 10 rad/s by forces.
+    Near the goal, the configuration that holds it moves until it is there: wrong masses and loads leave no error.
+    What the feedback at rest balances is added to the next plan.
 
     The search for a plan takes place at rest, which takes seconds: the first one in ``initial_state``, others in the
     step that starts them. The controller reads the model. Reads from the measurement ``q, v2``. One state at a time.
@@ -91,7 +107,7 @@ class SetPointController(DescribedMixin):
             their bounds on the way by more count too.
         check: time between two checks [s].
         bandwidth: decay rate of the velocity error in the kinematic form [1/s].
-        braking: decay rate of the velocity while it brakes or stands [1/s].
+        braking: decay rate of the velocity while it brakes [1/s]; half of it is that of errors at rest.
         velocities: True for a kinematic controller, whose steps return velocities, for robots that take these: the
             target of an ``ActuatorVelocityController``. The form is "acceleration", so that bounds of inputs limit the
             rates of velocities.
@@ -142,11 +158,10 @@ class SetPointController(DescribedMixin):
         self._model = model = action_model(self.reduced, self.form)
         goal = GoalRows(model, self.set_point.goal, at_rest=True)
         given = self.duration, self.costs, self.bounds, self.nodes, self.limits
-        problem = build_problem(
-            model, initial_node(model, self.set_point.q), goal, *given
-        )  # wrong ones are refused now
+        problem = build_problem(model, initial_node(model, self.set_point.q), goal, *given)  # refuses wrong ones now
         self.set_point.check_distances(problem.bounds, self.tolerance)
-        self._driven = KinematicModel(self.reduced) if self.velocities else self._model
+        self._moved = KinematicModel(self.reduced)
+        self._driven = self._moved if self.velocities else self._model
         """Model of the robot under the commands."""
         self.weights = self.set_point.coordinates.weights
         self._direct = np.array(self.weights) == 1  # coordinates that single inputs move
@@ -166,7 +181,7 @@ class SetPointController(DescribedMixin):
             v2: reduced velocity (r,).
         """
         moving = float(np.abs(v2).max(initial=0.0)) > AT_REST
-        reason = "the run ends on the way" if moving else "no plan led to it"
+        reason = "the run ends on the way" if moving else "no plan led to it, or an unknown force is too large"
         return self.set_point.missed(q, 2 * self.tolerance, reason)
 
     def initial_state(self, measurement: Measurement) -> SetPointState:
@@ -174,8 +189,9 @@ class SetPointController(DescribedMixin):
         K, model = self.nodes, self._model
         q = np.repeat(np.asarray(measurement.q, dtype=float)[None], K + 1, axis=0)
         empty = np.zeros((K + 1, model.nw)), np.zeros((K, model.nu)), np.zeros((K, model.nu, self._driven.nx))
-        state = SetPointState("stop", 0.0, 1.0, q, *empty, np.zeros(model.nv), 0, 0.0, 0, 0)
-        v2 = np.asarray(measurement.v2)
+        v2 = np.array(measurement.v2, dtype=float)
+        zeros = np.zeros(model.r)
+        state = SetPointState("stop", 0.0, 1.0, q, *empty, np.zeros(model.nv), 0, q[0], v2, zeros, 0.0, 0.0, 0, 0)
         if not self._stands(v2):
             return state
         now = Nodes(q[:1], v2[None] if self._driven.nw else np.empty((1, 0)))
@@ -186,14 +202,18 @@ class SetPointController(DescribedMixin):
     ) -> tuple[Command | VelocityTarget, SetPointState]:
         q, v2 = np.asarray(measurement.q), np.asarray(measurement.v2)
         now = Nodes(q[None], v2[None] if self._driven.nw else np.empty((1, 0)))
-        state = self._next(t, now, v2, state)
+        dt = t - state.time
+        if state.mode != "follow":
+            hold = self._moved.step(Nodes(state.hold[None], np.empty((1, 0))), state.rate[None], np.array([dt])).q[0]
+            state = state._replace(hold=hold, rate=state.rate * np.exp(-self.braking * dt))
+        state = self._next(t, now, v2, state)._replace(time=t)
         if state.mode == "follow":
             u = self._followed(t, now, state)
             desired, k = self._planned(t, state)
             v2_desired = desired.w[0] if self._model.nw else state.u[k]
         else:
-            v2_desired = self._correction(q) if state.mode == "stand" else np.zeros_like(v2)
-            u = _SLOWER * v2 if self.velocities and state.mode == "stop" else self._braking(now, v2, v2_desired)
+            state, u = self._held(dt, now, v2, state)
+            v2_desired = state.rate
         if self.velocities:
             return VelocityTarget(v2=u, v2_dot=np.zeros_like(u)), state
         command = Command(v2_desired=v2_desired)
@@ -208,10 +228,12 @@ class SetPointController(DescribedMixin):
         """State after the changes of mode at a time."""
         if state.mode == "follow":
             if t >= state.begin + len(state.u) * state.h - 1e-9:
+                bias = state.bias - self._stiffness(0.0) * self._away(state.q[-1], now.q[0])
+                state = self._holding(t, now.q[0], np.zeros_like(v2), state._replace(bias=bias))
                 return self._standing(t, state, max(self.check, 2 * _SETTLED / self.braking))
             if t >= state.next_check - 1e-9:
                 if self._end_error(t, now, state) > self.tube:
-                    return state._replace(mode="stop", begin=t)
+                    return self._holding(t, now.q[0], v2, state)._replace(mode="stop", begin=t)
                 return state._replace(next_check=t + self.check)
             return state
         if state.mode == "stop":
@@ -219,17 +241,24 @@ class SetPointController(DescribedMixin):
         if t < state.next_check - self.check:
             return state
         count = min(state.samples + 1, _SAMPLES)
-        step = self._model.manifold.difference(self.set_point.q[None], now.q)[0]
-        state = state._replace(mean=state.mean + (step - state.mean) / count, samples=count)
+        goal, manifold = self.set_point.q[None], self._model.manifold
+        mean = state.mean + (manifold.difference(goal, now.q)[0] - state.mean) / count
+        state = state._replace(mean=mean, samples=count)
         if t < state.next_check - 1e-9:
             return state
-        q = self._model.manifold.integrate(self.set_point.q[None], state.mean[None])[0]
+        q = manifold.integrate(goal, mean[None])[0]
         if not self.set_point.missed(q, self.tolerance):
             return state._replace(next_check=t + self.check)
         return self._searched(t, q, state)
 
     def _standing(self, t: float, state: SetPointState, until: float) -> SetPointState:
         return state._replace(mode="stand", begin=t, samples=0, next_check=t + until)
+
+    def _holding(self, t: float, q: Array, rate: Array, state: SetPointState) -> SetPointState:
+        """State whose feedback begins at a configuration with a reduced velocity, and with the last bias."""
+        ahead = self.reduced.at(q).R @ state.bias / self._stiffness(t - state.time)
+        q = self._model.manifold.integrate(q[None], ahead[None])[0]
+        return state._replace(hold=q, rate=rate)
 
     def _stands(self, v2: Array) -> bool:
         return bool(np.abs(v2).max(initial=0.0) < AT_REST)
@@ -240,12 +269,10 @@ class SetPointController(DescribedMixin):
         if plan is None:
             pause = _RETRY * 2.0 ** min(state.failures, _LONGEST)
             return state._replace(samples=0, next_check=t + pause, failures=state.failures + 1)
-        gains = self._gains(plan)
-        h = float(plan.time[1] - plan.time[0])
+        h, bias = float(plan.time[1] - plan.time[0]), -self._stiffness(t - state.time) * self._away(state.hold, q)
+        state = state._replace(mode="follow", begin=t, h=h, gains=self._gains(plan), bias=bias, samples=0)
         q, w, u = (np.array(each) for each in (plan.q, plan.w, plan.u))
-        return SetPointState(
-            "follow", t, h, q, w, u, gains, state.mean, 0, t + self.check, state.plans + 1, state.failures
-        )
+        return state._replace(q=q, w=w, u=u, next_check=t + self.check, plans=state.plans + 1)
 
     def _gains(self, plan: MotionPlan) -> Array:
         """Gains of the feedback along a plan, of velocities about it if these are the commands."""
@@ -262,16 +289,9 @@ class SetPointController(DescribedMixin):
         of long intervals are too nonlinear for the iterations.
         """
         nodes = self.nodes if seed == 0 else min(2 * self.nodes, _MOST_NODES)
-        search = partial(
-            plan_motion,
-            form=self.form,
-            costs=self.costs,
-            bounds=self.bounds,
-            limits=self.limits,
-            settings=SolverSettings(nodes=nodes, accuracy=self.tolerance),
-            seeds=self.seeds,
-            seed=seed,
-        )
+        settings = SolverSettings(nodes=nodes, accuracy=self.tolerance)
+        given = {name: getattr(self, name) for name in ("form", "costs", "bounds", "limits", "seeds")}
+        search = partial(plan_motion, settings=settings, seed=seed, **given)
         return nearer_plan(self.set_point, q, self.duration, search)
 
     # ------------------------------------------------------------------ commands
@@ -283,16 +303,20 @@ class SetPointController(DescribedMixin):
     def _followed(self, t: float, now: Nodes, state: SetPointState) -> Array:
         """Input with feedback along the plan, within its bounds."""
         planned, k = self._planned(t, state)
-        if self.velocities:
-            return planned.w[0] + state.gains[k] @ self._driven.manifold.difference(planned.q, now.q)[0]
-        return self._bounded(state.u[k] + state.gains[k] @ self._model.difference(planned, now)[0])
+        w = np.empty((1, 0)) if self.velocities else planned.w
+        dx = self._driven.difference(Nodes(planned.q, w), now)[0]
+        u, bias = (planned.w[0] if self.velocities else state.u[k]) + state.gains[k] @ dx, state.bias
+        if self.form == "dynamic" and bias.any():
+            at = self.reduced.at(now.q[0])
+            bias = at.allocate(at.H @ bias)
+        return u + bias if self.velocities else self._bounded(u + bias)
 
     def _bounded(self, u: Array) -> Array:
         return np.clip(u, self._lower, self._upper)
 
     def _end_error(self, t: float, now: Nodes, state: SetPointState) -> float:
-        """Largest error at the end of the plan, to which its feedback leads from a state [m or rad]."""
-        K = len(state.u)
+        """Largest error at the end of the plan, to which its feedback leads the model from a state [m or rad]."""
+        K, state = len(state.u), state._replace(bias=np.zeros(self._model.r))
         try:
             while t < state.begin + K * state.h - 1e-9:
                 until = state.begin + (self._planned(t, state)[1] + 1) * state.h
@@ -310,16 +334,34 @@ class SetPointController(DescribedMixin):
         values = [(each, each.rows(nodes, False).value[0]) for each in self._watched]
         return max([0.0, *(float(np.maximum(each.lower - x, x - each.upper).max()) for each, x in values)])
 
-    def _braking(self, now: Nodes, v2: Array, v2_desired: Array) -> Array:
-        """Input of the form that leads the reduced velocity to a desired one."""
-        if self.velocities:
-            return v2_desired
-        if self.form == "kinematic":
-            return self._bounded(v2_desired)
-        rate = self.braking * (v2_desired - v2)
+    def _held(self, dt: float, now: Nodes, v2: Array, state: SetPointState) -> tuple[SetPointState, Array]:
+        """State with the rate of its configuration at rest, and the input of the form that leads there."""
+        q, k = now.q[0], self._stiffness(dt)
+        away, rate, change = self._away(state.hold, q), state.rate, -self.braking * state.rate
+        if state.mode == "stand":
+            rate, change = self._correction(q), np.zeros_like(v2)
+            rate[(np.abs(away) > _FARTHEST) & (rate * away < 0)] = 0.0
+            state = state._replace(rate=rate)
+        if self.velocities or self.form == "kinematic":
+            u = rate - k * away
+            return state, u if self.velocities else self._bounded(u)
+        change += 2.0 * k**0.5 * (rate - v2) - k * away
         if self.form == "dynamic":
-            return self._bounded(inputs_for(self._model, now, rate[None])[0])
-        return self._bounded(rate)
+            return state, self._bounded(inputs_for(self._model, now, change[None])[0])
+        return state, self._bounded(change)
+
+    def _stiffness(self, dt: float) -> float:
+        """Acceleration at rest for a displacement of one unit [1/s^2]; velocity where these are the inputs [1/s]."""
+        if self.velocities:
+            return 0.5 * self.braking
+        if self.form == "kinematic":
+            return 0.25 * self.bandwidth
+        return min(FREQUENCY, _SAMPLED / dt) ** 2 if dt > 0 else FREQUENCY**2
+
+    def _away(self, start: Array, end: Array) -> Array:
+        """Displacement (r,) between configurations in the directions that inputs move."""
+        moved = self._model.manifold.difference(start[None], end[None])[0]
+        return np.linalg.lstsq(self.reduced.at(end).R, moved)[0]
 
     def _correction(self, q: Array) -> Array:
         """Reduced velocity that reduces coordinates of weight one near the goal; zero away from it."""

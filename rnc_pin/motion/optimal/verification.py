@@ -1,8 +1,8 @@
-"""Verification of planned inputs by re-integration with a fine step, without and with feedback, and its findings."""
+"""Verification of plans: their inputs integrated with a fine step, the sampled loop that will run, and findings."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,17 +10,33 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.collision import continuous_distances
-from rnc_pin.errors import RncError
-from rnc_pin.model.evaluator import PlannedFeedback
+from rnc_pin.errors import DivergenceError, RncError
 from rnc_pin.motion.optimal.bounds import DistanceRows
-from rnc_pin.motion.optimal.motion_plan import Integration, PlanVerification
+from rnc_pin.motion.optimal.motion_plan import Integration, MotionPlan, PlanVerification
+from rnc_pin.motion.optimal.plan_feedback import FeedbackState, PlanFeedback
 from rnc_pin.motion.optimal.transcription import Iterate, Transcription
 from rnc_pin.motion.planning.action_models import Nodes
+from rnc_pin.plants import ReducedPlant
 from rnc_pin.verdict import Finding, FindingKind, Severity
 
 CONTACT = 1e-6  # [m], error of a measured distance
 _INPUTS = {"kinematic": FindingKind.VELOCITY, "acceleration": FindingKind.ACCELERATION, "dynamic": FindingKind.EFFORT}
 _KINDS = {"output": FindingKind.POSITION} | {kind: FindingKind(kind) for kind in ("goal", "velocity", "slip")}
+
+
+_ROUNDING = 1e-6  # of a number of samples, as of runs
+_DIVERGED = 100.0  # error of a loop whose motion diverges [m, rad, m/s or rad/s]
+
+
+class RunLoop(NamedTuple):
+    """Sampled loop that will run a plan."""
+
+    feedback: Callable[[MotionPlan], PlanFeedback] | None
+    """Feedback along a plan; None if the inputs alone decide."""
+    dt: float
+    """Sampling period [s]."""
+    plant: ReducedPlant | None = None
+    """Plant, of which a twin moves; by default that of the model."""
 
 
 class Excess(NamedTuple):
@@ -47,41 +63,78 @@ class Excess(NamedTuple):
 
 
 def verify_inputs(
-    problem: Transcription, at: Iterate, substeps: int, gains: Float[Array, "K nu nx"] | None, accuracy: float
-) -> tuple[PlanVerification, tuple[Excess, ...]]:
+    problem: Transcription, at: Iterate, substeps: int, accuracy: float
+) -> tuple[Integration, tuple[Excess, ...]]:
     """Integrate the inputs from the start, and compare with bounds and goal at every fine step and between them.
 
-    Returns the result, and the rows that the motion of the integration that decides exceeds, largest first.
+    Returns the result, and the rows that the motion exceeds, largest first.
 
     Args:
         problem: the problem.
         at: the planned motion.
         substeps: integrator steps of each interval.
-        gains: gains of the feedback that the run will use; its motion then decides. None if the inputs alone decide.
         accuracy: distance below a clearance up to which a motion between fine steps needs no further measurement [m].
     """
-    alone, excesses = _integrated(problem, at, substeps, None, accuracy)
-    followed = None
-    if gains is not None:
-        followed, excesses = _integrated(problem, at, substeps, gains, accuracy)
-    return PlanVerification(alone, followed, substeps), excesses
+    model, h, start = problem.model, at.duration / problem.K / substeps, problem.start
+    u, states = np.repeat(at.u, substeps, axis=0), (start.q[0], start.w[0])
+    found = model.reduced.evaluator.planned_motion(model.form, states, at.u, h, substeps)
+
+    def motion() -> tuple[Iterate, float]:
+        if found is not None and all(np.isfinite(each).all() for each in found):
+            q, w = (np.vstack(each) for each in zip(states, found, strict=True))
+            fine = Iterate(q, w, u, at.duration)
+        else:
+            fine = _stepped(start, h, len(u), lambda k, now: (model.step(now, u[k : k + 1], np.array([h])), u[k]))
+        reached = Nodes(fine.q[::substeps], fine.w[::substeps])
+        return fine, float(np.abs(model.difference(Nodes(at.q, at.w), reached)).max())
+
+    return _judged(problem, motion, substeps, accuracy)
 
 
-def _integrated(
-    problem: Transcription, at: Iterate, substeps: int, gains: Array | None, accuracy: float
+def verify_loop(
+    problem: Transcription, at: Iterate, controller: PlanFeedback, loop: RunLoop, accuracy: float
 ) -> tuple[Integration, tuple[Excess, ...]]:
-    model = problem.model
-    try:
-        fine = _motion(problem, at, substeps, gains)
-        found = sorted(_excesses(problem, fine, substeps, accuracy), key=lambda each: -each.amount)
-    except _Interrupted as error:
-        lost = Excess("integration", f"re-integration: {error}", np.inf, "", error.time, np.nan, np.nan)
-        return Integration(np.inf, lost.title, error.time, np.inf), (lost,)
-    planned, reached = Nodes(at.q, at.w), Nodes(fine.q[::substeps], fine.w[::substeps])
-    deviation = float(np.abs(model.difference(planned, reached)).max())
-    if not found:
-        return Integration(0.0, "", 0.0, deviation), ()
-    return Integration(found[0].amount, found[0].title, found[0].time, deviation), tuple(found)
+    """Run the sampled loop along a plan, and compare with bounds and goal at every sample.
+
+    Inputs are held over each sample. The plant integrates under the forces that the controller commands; the inputs of
+    the form move the model if it commands velocities, or if actuators do not move all directions.
+
+    Args:
+        problem: the problem.
+        at: the planned motion.
+        controller: feedback along it.
+        loop: the loop that will run.
+        accuracy: as for ``verify_inputs``.
+    """
+    model, dt, start, reduced = problem.model, loop.dt, problem.start, problem.model.reduced
+    rank = np.linalg.matrix_rank(reduced.at(start.q[0]).input_matrix) if reduced.p else 0
+    free = model.form == "kinematic" or (model.form == "acceleration" and rank < model.r)
+    plant = None if free else (loop.plant or ReducedPlant(reduced)).twin()
+    count, errors = int(np.ceil(at.duration / dt - _ROUNDING)), list[float]()
+    own: FeedbackState | None = None
+
+    def advance(k: int, now: Nodes) -> tuple[Nodes, Array]:
+        nonlocal own
+        v2 = now.w[0] if model.nw else controller.planned(k * dt)[1]
+        state = reduced.at(now.q[0], v2) if plant is None else plant.state
+        command, own = controller.step(k * dt, state.measure(np.zeros(model.r)), own)
+        errors.append(float(np.abs(own.dx).max()))
+        if not errors[-1] < _DIVERGED:
+            raise DivergenceError("the motion diverges")
+        if plant is None:
+            return model.step(now, own.u[None], np.array([dt])), own.u
+        plant.apply(own.u if command.F is None else state.allocate(command.F))
+        plant.advance(dt)
+        return Nodes(np.array(plant.state.q)[None], np.array(plant.state.v2)[None]), own.u
+
+    def motion() -> tuple[Iterate, float]:
+        if plant is not None:
+            plant.reset(start.q[0], np.array(reduced.at(start.q[0], start.w[0]).v))
+        fine = _stepped(start, dt, count, advance)
+        end = model.difference(controller.planned(count * dt)[0], Nodes(fine.q[-1:], fine.w[-1:]))
+        return fine, max(*errors, float(np.abs(end).max()))
+
+    return _judged(problem, motion, 1, accuracy)
 
 
 class _Interrupted(Exception):
@@ -92,43 +145,33 @@ class _Interrupted(Exception):
         self.time = time
 
 
-def _motion(problem: Transcription, at: Iterate, substeps: int, gains: Array | None) -> Iterate:
-    """Motion with a fine step. Feedback acts on the state at each step, and inputs stay within their bounds."""
-    model, K = problem.model, problem.K
-    h = at.duration / K / substeps
-    step, now = np.array([h]), problem.start
-    q, w, inputs = [now.q[0]], [now.w[0]], []
-    lower, upper = input_limits(problem)
-    planned = None if gains is None else _planned(problem, at, substeps, h)
-    feedback = None if planned is None or gains is None else PlannedFeedback(*planned, gains, lower, upper)
-    found = model.reduced.evaluator.planned_motion(model.form, (q[0], w[0]), at.u, h, substeps, feedback)
-    if found is not None and all(np.isfinite(each).all() for each in found):
-        return Iterate(np.vstack([now.q, found[0]]), np.vstack([now.w, found[1]]), found[2], at.duration)
-    for k in range(K):
-        u = at.u[k : k + 1]
-        for j in range(substeps):
-            try:
-                if gains is not None and planned is not None:
-                    place = slice(k * substeps + j, k * substeps + j + 1)
-                    dx = model.difference(Nodes(planned.q[place], planned.w[place]), now)[0]
-                    u = at.u[k : k + 1] + gains[k] @ dx
-                    u = np.clip(u, np.minimum(lower, at.u[k]), np.maximum(upper, at.u[k]))
-                now = model.step(now, u, step)
-            except RncError as error:
-                raise _Interrupted(str(error), (k * substeps + j) * h) from None
+def _judged(
+    problem: Transcription, motion: Callable[[], tuple[Iterate, float]], substeps: int, accuracy: float
+) -> tuple[Integration, tuple[Excess, ...]]:
+    """Result of a motion that returns its states and its deviation from the plan."""
+    try:
+        fine, deviation = motion()
+        found = sorted(_excesses(problem, fine, substeps, accuracy), key=lambda each: -each.amount)
+    except _Interrupted as error:
+        found = [Excess("integration", f"re-integration: {error}", np.inf, "", error.time, np.nan, np.nan)]
+        deviation = np.inf
+    worst = (found[0].amount, found[0].title, found[0].time) if found else (0.0, "", 0.0)
+    return Integration(*worst, deviation), tuple(found)
+
+
+def _stepped(now: Nodes, h: float, count: int, advance: Callable[[int, Nodes], tuple[Nodes, Array]]) -> Iterate:
+    """Motion of a number of steps, each with its input."""
+    found = [(now.q[0], now.w[0], np.empty(0))]
+    for k in range(count):
+        try:
+            now, u = advance(k, now)
             if not (np.isfinite(now.q).all() and np.isfinite(now.w).all()):
-                raise _Interrupted("the motion diverges", (k * substeps + j) * h)
-            q.append(now.q[0])
-            w.append(now.w[0])
-            inputs.append(u[0])
-    return Iterate(np.array(q), np.array(w), np.array(inputs), at.duration)
-
-
-def _planned(problem: Transcription, at: Iterate, substeps: int, h: float) -> Nodes:
-    """Planned states at all fine steps, each from the node before it, as ``PlanFeedback`` has them."""
-    since = np.tile(h * np.arange(substeps), problem.K)
-    nodes = Nodes(np.repeat(at.q[:-1], substeps, axis=0), np.repeat(at.w[:-1], substeps, axis=0))
-    return problem.model.step(nodes, np.repeat(at.u, substeps, axis=0), since)
+                raise DivergenceError("the motion diverges")
+        except RncError as error:
+            raise _Interrupted(str(error), k * h) from None
+        found.append((now.q[0], now.w[0], u))
+    q, w, inputs = zip(*found, strict=True)
+    return Iterate(np.array(q), np.array(w), np.array(inputs[1:]), count * h)
 
 
 def input_limits(problem: Transcription) -> tuple[Array, Array]:

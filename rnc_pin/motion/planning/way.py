@@ -155,18 +155,8 @@ def way_along(
     v = motion.steps / durations[:, None]
     for array in (time, motion.q, v):
         array.setflags(write=False)
-    return Way(
-        reduced=reduced,
-        time=time,
-        q=motion.q,
-        v=v,
-        planned=planned,
-        length=_length(reduced, motion),
-        residual=_residual(reduced, motion, v),
-        info=info,
-        checker=checker,
-        geodesic=motion.geodesic,
-    )
+    length, residual = _length(reduced, motion), _residual(reduced, motion, v)
+    return Way(reduced, time, motion.q, v, planned, length, residual, info, checker, motion.geodesic)
 
 
 def _length(reduced: ReducedModel, motion: ExactMotion) -> float:

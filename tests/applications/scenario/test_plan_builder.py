@@ -165,13 +165,13 @@ def test_limits_of_the_file_are_removed_or_replaced(warehouse, settings):
 
 
 def test_plans_are_judged_with_the_gains_of_the_run(warehouse):
-    """Without gains the motion with feedback is that of the inputs alone."""
+    """Without gains the loop that will run moves as the inputs alone do, which another integrator moves."""
     near = {"goal": {"lift_joint": 0.5, "base_x": 1.0, "base_y": 0.3, "base_yaw": 0.3}, "seeds": 6}
     zero = {"state_cost": 0.0, "input_cost": 1.0}
     idle = Scenario.load(written(warehouse, FORKLIFT, planner=near, controller=zero)).experiment.plan.info.verification
     stiff = {"state_cost": 1000.0}
     firm = Scenario.load(written(warehouse, FORKLIFT, planner=near, controller=stiff)).experiment.plan.info.verification
-    assert idle.feedback.violation == pytest.approx(idle.inputs.violation, rel=1e-6)
+    assert idle.feedback.violation == pytest.approx(idle.inputs.violation, rel=5e-3)
     assert firm.feedback.violation < 0.8 * firm.inputs.violation
     assert firm.inputs == idle.inputs
 

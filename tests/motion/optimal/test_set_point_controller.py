@@ -134,3 +134,22 @@ def test_a_moving_start_brakes_first():
     run = rnc.simulate(reduced, controller_of(reduced), q0, 14.0, 0.05, v2_0=np.array([0.6, 0.3]))
     assert max(away(run)) < 0.01
     assert run.verdict.succeeded
+
+
+@pytest.mark.parametrize("form", ["acceleration", "dynamic", "kinematic"])
+@pytest.mark.parametrize("heavier", [1.2, 1.5])
+def test_an_arm_that_is_heavier_than_its_model_is_held_where_its_goal_is(form, heavier):
+    """Without feedback of the position at rest, it fell by 2.4 rad."""
+    fingers = dict.fromkeys(("panda_finger_joint1", "panda_finger_joint2"), 0.0)
+    robot, heavy = (rnc.Robot.from_example("panda", lock=fingers) for _ in range(2))
+    for body in heavy.model.inertias:
+        body.mass, body.inertia = heavier * body.mass, heavier * body.inertia
+    angles, names = list(map(rnc.JointPosition, robot.joint_names)), robot.joint_names
+    reduced, real = (rnc.NonholonomicSystem(each, [], names).reduce(angles) for each in (robot, heavy))
+    start = np.array([0.5, 0.3, 0.2, -1.4, 0.2, 1.3, 0.4])
+    goal = start + 0.2
+    run = rnc.simulate(
+        reduced, SetPointController(reduced, goal, 1.0, form=form), start, 5.0, 0.01, plant=rnc.ReducedPlant(real)
+    )
+    away = np.abs(run.q - goal).max(axis=1)
+    assert (away[100:].max() < 0.2, away[-1] < 2e-3, np.abs(run.v2[-1]).max() < 1e-3) == (True, True, True)

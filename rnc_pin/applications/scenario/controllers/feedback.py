@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Annotated, ClassVar, Literal, cast
 
 import numpy as np
@@ -199,24 +200,26 @@ class PlanFeedbackSettings(ControllerSettings):
     frequency: Positive = 10.0
     bandwidth: Positive = 20.0
 
-    def regulator(self, reduced: ReducedModel, plan: optimal.MotionPlan) -> optimal.PlanFeedback:
-        """Time-varying linear-quadratic regulator about a plan.
+    def along(self, reduced: ReducedModel, plan: optimal.MotionPlan, joint_damping: bool) -> optimal.PlanFeedback:
+        """Feedback along a plan.
 
         Args:
             reduced: the model.
             plan: the plan.
+            joint_damping: True for a plant with joint damping.
         """
-        return optimal.tvlqr(reduced, plan, self.state_cost, self.input_cost, frequency=self.frequency)
+        given, K, weights = (self.state_cost, self.input_cost), None, None
+        if self.gains != "plan":
+            found = optimal.tvlqr(reduced, plan, *given, frequency=self.frequency)
+            K, weights = found.K, found.weights
+        return optimal.PlanFeedback(reduced, plan, K, self.bandwidth, weights, joint_damping)
 
     def _build(self, context: ControllerContext) -> BuiltController:
         reduced, plan = context.reduced, context.plan
         if plan is None:
             raise ConfigurationError("controller.type: 'plan_feedback' requires a plan: set 'planner'")
         with ConfigurationError.at("controller"):
-            controller = optimal.PlanFeedback(reduced, plan, bandwidth=self.bandwidth)
-            if self.gains != "plan":
-                found = self.regulator(reduced, plan)
-                controller = optimal.PlanFeedback(reduced, plan, found.K, self.bandwidth, found.weights)
+            controller = self.along(reduced, plan, context.simulation.joint_damping)
         passed = obstacles_passed(reduced.robot, plan.time, plan.q, context.obstacles)
         complaints = (
             *near_singular("the plan", reduced, plan.q),
@@ -256,6 +259,9 @@ class _ToSetPoint(_ToGoal, MotionProblem):
     goal: Annotated[dict[str, float], Field(min_length=1)]
 
 
+_SET_POINT = ("form", "nodes", "seeds", "tolerance", "tube", "check", "braking", "velocities")
+
+
 class SetPointSettings(_ToSetPoint):
     """Plans to a goal at rest with feedback: one at the start, and another where the feedback would miss the goal.
 
@@ -270,7 +276,7 @@ class SetPointSettings(_ToSetPoint):
         tube: predicted error at the end of a plan from which it plans again [m or rad]. Outputs and distances beyond
             their bounds on the way by more count too.
         check: time between two checks [s].
-        braking: decay rate of the velocity while it brakes or stands [1/s].
+        braking: decay rate of the velocity while it brakes [1/s]; half of it is that of errors at rest.
         velocities: True for a kinematic controller, whose steps return velocities, for robots that take these: the
             target of an ``ActuatorVelocityController``. The form is "acceleration", so that bounds of inputs limit the
             rates of velocities.
@@ -297,16 +303,9 @@ class SetPointSettings(_ToSetPoint):
             context.reduced,
             goal_of(self.goal, context.outputs, context.reduced),
             (self.duration[0], self.duration[1]) if isinstance(self.duration, list) else self.duration,
-            form=self.form,
             bounds=list(bounds_of(self, context.reduced, context.obstacles, context.q0, self.tolerance)),
             limits=None if self.limits is None else self.limits.build(),
-            nodes=self.nodes,
-            seeds=self.seeds,
-            tolerance=self.tolerance,
-            tube=self.tube,
-            check=self.check,
-            braking=self.braking,
-            velocities=self.velocities,
+            **{name: getattr(self, name) for name in _SET_POINT},
         )
         # Its steps return what ``velocities`` says, which its type does not tell.
         if self.velocities:
@@ -394,24 +393,9 @@ class WayFollowerSettings(_ToGoal):
         return f"type: '{self.type}'"
 
     def _controller(self, context: ControllerContext) -> Controller:
-        goal = goal_of(self.goal, context.outputs, context.reduced)
-        way = find_way(
-            context.reduced,
-            context.q0,
-            goal,
-            context.obstacles,
-            selection=PairSelection(links=self.links),
-            clearance=self.clearance,
-            settings=replace(WAY_SEARCH, improve=_FURTHER),
-            seed=self.seed,
-        )
-        follower = optimal.WayFollower(
-            context.reduced,
-            way,
-            acceleration=self.acceleration,
-            speed=self.speed,
-            tube=self.tube,
-            tolerance=self.tolerance,
-            state_cost=self.state_cost,
-        )
-        return ActuatorVelocityController(context.reduced, follower)
+        reduced, pairs = context.reduced, PairSelection(links=self.links)
+        settings = replace(WAY_SEARCH, improve=_FURTHER)
+        search = partial(find_way, settings=settings, seed=self.seed, selection=pairs, clearance=self.clearance)
+        way = search(reduced, context.q0, goal_of(self.goal, context.outputs, reduced), context.obstacles)
+        own = {name: getattr(self, name) for name in optimal.WayFollower.described}
+        return ActuatorVelocityController(reduced, optimal.WayFollower(reduced, way, **own))
