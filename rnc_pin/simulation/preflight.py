@@ -347,14 +347,16 @@ class Margins:
         Args:
             threshold: singular value below which a configuration counts as close to a singular one.
         """
-        if self.singular is not None:
-            return [f"the reference reaches a singular configuration: {self.singular}"]
-        return [
+        close = [
             f"the reference comes close to a singular configuration: smallest singular value of {what} is "
             f"{margin.value:.2g} at t = {margin.time:.2f} s ({few(margin.rows, 4)}); {AWAY_FROM_SINGULAR}"
             for margin, what in ((self.stack, "E = [A; J2]"), (self.A4, "A4"))
             if margin is not None and margin.value < threshold
-        ] + (_complaint(self.lift_off) if self.grip is None else self.grip.complaints())
+        ]
+        # A run that diverges later did so because of the configuration that it was close to.
+        if self.singular is not None and not (close and isinstance(self.singular, DivergenceError)):
+            return [f"the reference reaches a singular configuration: {self.singular}"]
+        return close + (_complaint(self.lift_off) if self.grip is None else self.grip.complaints())
 
 
 def _complaint(lift_off: LiftOff | None) -> list[str]:

@@ -80,11 +80,7 @@ def test_a_caster_shows_the_motion_without_the_motors():
     q = reduced.robot.configuration()
     h, controller = 1e-3, TwistController(reduced, "base")
     v = controller.step(q, [0.5, 0.0, 0.8], controller.initial_state())[0].v
-    found = odometry.step(
-        np.zeros(3),
-        pin.integrate(reduced.robot.model, q, -0.5 * h * v),
-        pin.integrate(reduced.robot.model, q, 0.5 * h * v),
-    )
+    found = odometry.step(np.zeros(3), *(pin.integrate(reduced.robot.model, q, s * h * v) for s in (-0.5, 0.5)))
     np.testing.assert_allclose(found.pose / h, [0.5, 0.0, 0.8], atol=1e-3)
 
 

@@ -131,13 +131,10 @@ def test_gains_of_modes_are_gains_of_outputs_that_combine_the_others():
     swing = rnc.planning.MinimumJerk(q0, goal, duration=1.0)
     turned = rnc.planning.MinimumJerk(S.T @ q0, S.T @ goal, duration=1.0)
     force = np.array([3.0, -2.0, 1.0, 0.5])
-    target = ReducingOutputController(in_joints, swing, k2=2.0)
-    of_modes = VelocityTracker(target, VelocityGains(k, beta, 0.2, zone, S), force)
-    target, gains = (
-        ReducingOutputController(in_modes, turned, k2=2.0),
-        VelocityGains(k, beta, 0.2, np.abs(S.T) @ np.full(4, zone)),
-    )
-    alone = VelocityTracker(target, gains, np.linalg.solve(S, force))
+    gains = VelocityGains(k, beta, 0.2, zone, S), VelocityGains(k, beta, 0.2, np.abs(S.T) @ np.full(4, zone))
+    of_modes = VelocityTracker(ReducingOutputController(in_joints, swing, k2=2.0), gains[0], force)
+    target = ReducingOutputController(in_modes, turned, k2=2.0)
+    alone = VelocityTracker(target, gains[1], np.linalg.solve(S, force))
     limited = [rnc.ReducedPlant(each, actuator_limits=True) for each in (in_joints, in_modes)]
     one = rnc.simulate(in_joints, of_modes, q0, 1.0, plant=limited[0])
     other = rnc.simulate(in_modes, alone, q0, 1.0, plant=limited[1])

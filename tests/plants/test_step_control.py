@@ -70,13 +70,9 @@ def test_a_motion_gives_the_same_bits_again_and_after_a_rollback(ball):
 
 def test_a_run_states_its_error(ball, tmp_path):
     reduced, (q, v) = ball.reduce(), thrown(ball, 30.0)
-    still = rnc.control.ZeroInput(reduced)
-    runs = {
-        substeps: rnc.simulate(
-            reduced, still, q, 1.0, 0.01, v2_0=reduced.at(q, v=v).v2, plant=rnc.ReducedPlant(reduced, substeps=substeps)
-        )
-        for substeps in (None, 1)
-    }
+    still, v2 = rnc.control.ZeroInput(reduced), reduced.at(q, v=v).v2
+    plants = {substeps: rnc.ReducedPlant(reduced, substeps=substeps) for substeps in (None, 1)}
+    runs = {key: rnc.simulate(reduced, still, q, 1.0, 0.01, v2_0=v2, plant=each) for key, each in plants.items()}
     for run in runs.values():
         found = run.info.integration
         assert np.abs(run.q[-1, :3] - parabola(1.0)).max() < found.total

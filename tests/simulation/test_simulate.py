@@ -160,10 +160,8 @@ def test_a_run_stops_where_a_contact_would_pull():
     """A pull that grows as 100 t lifts a ball of 2 kg from its rolling contact when it equals the weight."""
     robot = free_body(2.0, 0.008, ball=[0, 0, 0])
     rolling = rnc.NonholonomicSystem(robot, [rnc.RollingBall("ball", 0.1)], [rnc.FrameForce("ball", "z")]).reduce()
-    q0, options = (
-        robot.configuration({"root_joint": [0, 0, 0.1, 0, 0, 0, 1]}),
-        rnc.SimulationOptions(rnc.Stop(lift_off=True)),
-    )
+    q0 = robot.configuration({"root_joint": [0, 0, 0.1, 0, 0, 0, 1]})
+    options = rnc.SimulationOptions(rnc.Stop(lift_off=True))
     with pytest.raises(rnc.LimitError, match=r"contact 'ball' lifts off at t = 0\.200 s") as caught:
         rnc.simulate(rolling, Inputs(lambda t: [100.0 * t]), q0, 1.0, 0.01, options=options)
     assert len(caught.value.trajectory.time) == 20

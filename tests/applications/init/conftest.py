@@ -16,10 +16,7 @@ def drafted(tmp_path):
         found = draft_with_decisions(str(file), tmp_path, DraftOptions(**wishes))
         (tmp_path / "unit.yaml").write_text(found.text)
         kind = next(line for line in found.text.splitlines() if line.startswith("# base"))
-        return (
-            kind.removeprefix("# base "),
-            yaml.safe_load(found.text),
-            {each.question: each for each in found.decisions},
-        )
+        decisions = {each.question: each for each in found.decisions}
+        return kind.removeprefix("# base "), yaml.safe_load(found.text), decisions
 
     return make

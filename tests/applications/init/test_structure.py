@@ -533,10 +533,8 @@ def test_an_axis_across_a_drawn_cylinder_is_said(drafted, tmp_path):
     with pytest.raises(ConfigurationError, match="wheel_l_joint, wheel_r_joint: the joint's axis is across that of"):
         drafted(turned)
     drafted(four_wheels().replace('axis xyz="0 1 0"', 'axis xyz="1 0 0"'))
-    assert (
-        "# CHECK: the axis of joint w_0_joint is across that of its drawn cylinder"
-        in (tmp_path / "unit.yaml").read_text()
-    )
+    draft = (tmp_path / "unit.yaml").read_text()
+    assert "# CHECK: the axis of joint w_0_joint is across that of its drawn cylinder" in draft
 
 
 def test_omni_wheels_beside_others_slide(drafted):

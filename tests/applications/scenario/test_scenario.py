@@ -46,10 +46,9 @@ def test_an_open_differential_turns_its_motor_at_the_mean_speed_and_shares_its_t
 
 def test_rotor_inertia_of_a_file_adds_to_the_inertia_of_its_joint(tmp_path):
     robot = {"urdf": "mobile_manipulator.urdf", "base": "planar"}
-    plain, geared = (
-        rnc.Scenario.load(written(tmp_path, robot={**robot, **more}, constraints=[], actuators=[])).reduced
-        for more in ({}, {"armature": {"joint_2": 0.4}})
-    )
+    robots = robot, {**robot, "armature": {"joint_2": 0.4}}
+    bare = {"constraints": [], "actuators": []}
+    plain, geared = (rnc.Scenario.load(written(tmp_path, robot=each, **bare)).reduced for each in robots)
     at = plain.at(plain.robot.configuration({"joint_2": 0.7}), v=np.arange(5.0))
     assert geared.energy(at.q, at.v2) - plain.energy(at.q, at.v2) == pytest.approx(0.4 * at.v[4] ** 2 / 2, rel=1e-9)
     with pytest.raises(rnc.ConfigurationError, match="armature: no joint 'joint2'; did you mean 'joint_2'"):

@@ -59,10 +59,8 @@ def closest(way, obstacles, spacing=0.01):
     alone = rnc.collision.PairSelection(links=False)
     distances = rnc.collision.CollisionDistances(way.reduced.robot, obstacles, alone)
     steps = np.abs(way.v).max(axis=1) * np.diff(way.time)
-    return min(
-        distances.smallest(q, 0.0, 0.2).min()
-        for q in way.at(np.linspace(0.0, way.duration, int(steps.sum() / spacing) + 2))
-    )
+    times = np.linspace(0.0, way.duration, int(steps.sum() / spacing) + 2)
+    return min(distances.smallest(q, 0.0, 0.2).min() for q in way.at(times))
 
 
 LOT = [
@@ -98,10 +96,8 @@ def test_an_arm_moves_around_an_obstacle():
     robot = rnc.Robot.from_example("panda", lock={"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0})
     reduced = rnc.NonholonomicSystem(robot, []).reduce()
     names = [f"panda_joint{k}" for k in range(1, 8)]
-    q0, goal = (
-        robot.configuration(dict(zip(names, [turn, 0.3, 0.0, -1.8, 0.0, 2.1, 0.0], strict=True)))
-        for turn in (-0.8, 0.8)
-    )
+    poses = ([turn, 0.3, 0.0, -1.8, 0.0, 2.1, 0.0] for turn in (-0.8, 0.8))
+    q0, goal = (robot.configuration(dict(zip(names, pose, strict=True))) for pose in poses)
     post = [Obstacle(coal.Box(0.1, 0.1, 1.6), position=(0.5, 0.0, 0.4), name="post")]
     way = find_way(reduced, q0, goal, post)
     assert way.q[-1] == pytest.approx(goal, abs=1e-12)
