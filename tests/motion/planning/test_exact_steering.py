@@ -15,7 +15,7 @@ AXLE = pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, 2.3), np.array([0.3, -0.2, 0.0]))
 ASIDE = AXLE.inverse().translation[1]  # of the axle's point nearest to the origin of the base [m]
 
 
-def vehicle(steered):
+def vehicle(steered, limits=(-0.6, 0.9)):
     """A base with an arm and a mimic finger, whose axle is turned and beside its origin; joints steer a wheel ahead."""
     model, body = planar_model()
     add_frame(model, "axle", body, AXLE)
@@ -27,7 +27,7 @@ def vehicle(steered):
     for name in ("wheel", "knuckle")[:steered]:
         body, ahead = add_body(model, name, "RZ", 1.0, body, at=ahead), pin.SE3.Identity()
         entry = model.joints[body].idx_q
-        model.lowerPositionLimit[entry], model.upperPositionLimit[entry] = -0.6, 0.9
+        model.lowerPositionLimit[entry], model.upperPositionLimit[entry] = limits
     add_frame(model, "front", body)
     rows = [rnc.NoSideSlip(frame) for frame in (("axle", "front") if steered else ("axle",))]
     rows += [rnc.JointCoupling("mimic", "finger", ratio=-0.5, offset=0.1)]
@@ -75,6 +75,13 @@ def test_every_motion_arrives_along_the_rows_by_the_shortest_way(steered, room, 
         expected = [np.abs((way + np.pi) % (2 * np.pi) - np.pi).sum() for way in ways]
         np.testing.assert_allclose(turns, sorted(expected))
         np.testing.assert_allclose(lengths, np.linalg.norm(seen))
+
+
+@pytest.mark.parametrize("limits", [(0.0, 0.0), (-1e30, 1e30)])
+def test_a_steering_joint_without_limits_turns_by_80_degrees(limits):
+    reduced = vehicle(1, limits)
+    radius = max(abs(WHEELBASE / np.tan(angle) - ASIDE) for angle in np.deg2rad([-80.0, 80.0]))
+    assert rnc.planning.find_steering(reduced, reduced.robot.configuration()).radius == pytest.approx(radius)
 
 
 def test_long_turns_are_divided_and_long_slides_are_not():
