@@ -162,6 +162,7 @@ def velocity_from_actuators(at: ConfigurationEvaluation, u: np.ndarray) -> np.nd
         at: evaluation at one configuration.
         u: velocities of the actuators [m/s or rad/s].
     """
+    # A basis of the admissible velocities that needs no outputs: those may be singular here.
     left, values, right = np.linalg.svd(at.A)
     rank = int((values > _RANK * values[0]).sum()) if len(values) else 0
     offset = right[:rank].T @ ((left[:, :rank].T @ at.mu) / values[:rank])
@@ -224,6 +225,7 @@ def driven_joints(reduced: ReducedModel) -> tuple[str, ...]:
         reduced: the model.
     """
     robot, frames = reduced.robot, reduced.actuation.configured
+    # Columns of joints are constant, so any configuration shows which joints they move.
     columns = [column for column in range(reduced.p) if column not in frames]
     moved = np.abs(reduced.at(robot.configuration()).B[:, columns]).max(axis=1, initial=0.0) > 0
     joints = list(zip(robot.model.names, robot.model.joints, strict=True))[1:]
@@ -331,6 +333,7 @@ class OdometryIncrement(NamedTuple):
             encoder: standard deviation of the motion of each measured joint in this step [rad or m].
             slip: standard deviation of the slip of each row in this step [m].
         """
+        # Errors of encoders and of rows are independent: variances add.
         return np.asarray(encoder**2 * self.by_joints @ self.by_joints.T + slip**2 * self.by_rows @ self.by_rows.T)
 
 
@@ -442,6 +445,7 @@ def composed(pose: Array, increment: Array) -> Array:
         increment: the motion (forward, left, turn) [m, m, rad].
     """
     x, y, turn = increment
+    # A constant twist drives an arc: its chord has a closed form, which no step size limits.
     along, across = arc_chord(turn)
     forward, left = along * x - across * y, across * x + along * y
     c, s = np.cos(pose[2]), np.sin(pose[2])

@@ -42,6 +42,7 @@ def effective_inertia(reduced: ReducedModel, q: np.ndarray, outputs: np.ndarray,
     here = reduced.at(q)
     drive = (here.J2 @ here.B)[..., outputs, :][..., on]
     forces = here.input_matrix[..., on] @ drive.mT
+    # Accelerations of x21 by unit forces F21 through the active inputs: its inverse is the inertia that they move.
     response = np.linalg.solve(here.H, forces)[..., outputs, :]
     return np.linalg.inv(response)
 
@@ -95,6 +96,7 @@ class JacobianTransposeController(ReprMixin):
         command, state = self.tracker.step(t, measurement, state)
         assert command.F is not None
         here = self._reduced.at(measurement.q)
+        # Inputs (J21 B)^T F21 do the work of F21 on x21, whatever the passive joints do.
         drive = (here.J2 @ here.B)[..., self.tracker.outputs, :][..., self._active]
         T = np.zeros((*command.F.shape[:-1], self._reduced.p))
         T[..., self._active] = apply_transposed(drive, command.F)

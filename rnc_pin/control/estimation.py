@@ -181,6 +181,7 @@ class _OwnedCopy:
             self._set_parameters(p)
             if self._has_own_rows:
                 own.rows_changed()
+        # Evaluations refer to this shallow copy alone: when it is gone, nobody reads the parameters any more.
         robot = copy(own.data.robot)
         self._user = weakref.ref(robot)
         return Evaluator(replace(own.data, robot=robot, kinematics=Kinematics(robot)), own.kernel)

@@ -368,6 +368,7 @@ def _chord_end_along(curve: list[float], near: PathPoint, px: float, py: float, 
         if abs(step) < _CLOSE:
             break
     x, y = u * window, y * window
+    # The heading of y(x) relative to the axis of the window; its slope is dy/dx.
     heading = axis + atan(slope)
     return PathPoint(x0 + c * x - s * y, y0 + s * x + c * y, heading, bend / window / (1.0 + slope * slope) ** 1.5)
 

@@ -200,6 +200,7 @@ class VelocityChart:
             t: time of rheonomic constraints [s]; None for others.
         """
         v, size = self.evaluator.admissible_velocity(q, w, t)
+        # The squares of R sum to r in the centre of an orthonormal chart, and grow without bound at its edge.
         return v, not size < self.evaluator.data.r + MAX_GROWTH
 
 
@@ -292,6 +293,7 @@ class ConstrainedDynamics:
         rheonomic = self.reduced.rheonomic
         self.chart = VelocityChart(self.reduced.evaluator, q, self._integrands, t if rheonomic else None)
         y = np.zeros(self.state_size)
+        # W is orthonormal, so that its transpose inverts it for admissible velocities.
         y[: self._r] = self.chart.W @ v
         if rheonomic:
             y[-2] = t
@@ -352,6 +354,7 @@ class ConstrainedDynamics:
             y: state of the integrator.
         """
         t = self.time(y)
+        # The full velocity goes through the change of chart: the motion does not depend on where charts end.
         v, is_ill_conditioned = self.chart.velocity(q, y[: self._r], t)
         if is_ill_conditioned:
             self.chart = VelocityChart(self.reduced.evaluator, q, self._integrands, t)
@@ -367,6 +370,7 @@ class ConstrainedDynamics:
             smooth: True if the integration is of fourth order.
         """
         (q, y), (q_fine, y_fine), r = coarse, fine, self._r
+        # Both ends are in one chart, so the difference of w is one of full velocities.
         velocity = (y_fine[:r] - y[:r]) @ self.chart.W
         scale = max(np.abs(q_fine).max(initial=0.0), np.abs(y_fine[:r]).max(initial=0.0))
         return estimated_errors(pin.difference(self.reduced.robot.model, q, q_fine), velocity, smooth, scale)

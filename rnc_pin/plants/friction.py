@@ -134,6 +134,7 @@ def _least_energy(basis: Array, free: Array, limits: Array) -> tuple[Array, Arra
     """
     scaled = basis * limits
     size = np.abs(scaled).max(initial=0.0)
+    # Nothing that the rows may move: each force opposes its own speed alone.
     if not size > 0:
         return -limits * np.sign(free), np.zeros(len(limits), dtype=bool)
     # Sizes of one: the solver's tolerances are absolute.
@@ -236,6 +237,7 @@ class DissipativeStep:
             if first < short * h:
                 y = self._stopped(state, y, friction.resting | stopping)
                 continue
+            # Up to the first stop no row changes between sliding and sticking, so the step is smooth.
             q, y, _ = self._smooth(q, y, T, self._sliding_forces(friction), friction.resting, linear, first)
             y = self._stopped(self._dynamics.at(q, y), y, friction.resting | stopping)
             remaining -= first

@@ -254,6 +254,7 @@ class ReducedPlant(ReprMixin):
         _ = self.state  # in a chart that is regular here
         errors = self.errors
         step = self._step(dt, errors.steps)
+        # Roughness costs nothing, and a comparison two more integrations: most samples are judged by it alone.
         accepted, after = errors.after(step.roughness, dt, self.followed * dt)
         if accepted:
             self._take(step)
@@ -275,6 +276,7 @@ class ReducedPlant(ReprMixin):
         step = self._step(dt, steps)
         self._take(step)
         if step.roughness < np.inf:
+            # It counts without a comparison: a part is shorter than the sample to which the estimate refers.
             _, self.errors = self.errors.after(step.roughness, dt, np.inf)
 
     def _take(self, step: _Step) -> None:
@@ -283,6 +285,7 @@ class ReducedPlant(ReprMixin):
             raise step.failure
         q, y = step.q, step.y
         if self.reduced.assembly.size and np.isfinite(q).all():  # otherwise the next access to ``state`` raises
+            # Charts keep velocities on the rows exactly, but positions only to the order of the steps.
             q = self.dynamics.project(q, y)
         self._q, self._y, self._state = q, y, None
 

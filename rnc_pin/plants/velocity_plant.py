@@ -92,6 +92,7 @@ class VelocityPlant:
             B_rate = self.reduced.actuation.matrix_rate(state.motion)
             if B_rate is None:
                 return np.full(self.reduced.p, np.nan)
+            # The lag gives the acceleration of the actuators; the efforts that it takes follow from the model.
             w_dot = (self.applied - self._w) / self.servo_time
             known = state.B.T @ state.v_dot(np.zeros(self.reduced.r)) + B_rate.T @ v
             v2_dot = np.linalg.lstsq(state.B.T @ state.R, w_dot - known, rcond=None)[0]

@@ -104,6 +104,7 @@ def _derivative(coefficients: np.ndarray, order: int) -> np.ndarray:
 def _quintic(start: np.ndarray, goal: np.ndarray, duration: np.ndarray) -> np.ndarray:
     """Coefficients (6, k) of the quintic from rest to rest in a time (1,), highest power first."""
     coefficients = np.zeros((6, start.size))
+    # Three equal control points at an end: velocity and acceleration vanish there.
     for a, control in enumerate([start] * 3 + [goal] * 3):  # control points of the Bernstein basis
         factor = (-1) ** a * comb(5, a) * control
         for power in range(a, 6):

@@ -118,6 +118,7 @@ class _Batch:
 
     def __init__(self, arguments: Sequence[RunArguments], plant: ReducedPlant) -> None:
         self._reduced, self._controller, _, self._dt, self._samples, *_ = arguments[0]
+        # A plant for each run: a run that needs a comparison or another chart takes that step alone.
         self._plants = [plant.twin() for _ in arguments]
         self._runs = [
             _started(number, run._replace(plant=own, samples=1))
@@ -179,7 +180,9 @@ class _Batch:
         if not sample:
             self._state = self._controller.initial_state(measurement)
         command, self._state = self._controller.step(t, measurement, self._state)
+        # A command without a state, such as zero inputs, is one for all runs.
         requested = states.allocate(command.F) if command.T is None else np.tile(command.T, (len(self._at), 1))
+        # All twins have the same limits, so the first one clips for all.
         self._T = np.ascontiguousarray(self._plants[0].dynamics.saturate(requested))
         self._deficit = None if (requested == self._T).all() else requested - self._T
         self._record(sample, states, command, (measurement.x1, measurement.x2, integrals))
@@ -217,6 +220,7 @@ class _Batch:
         """Advance all runs to the next sample; a run whose step has to be compared takes it alone."""
         alone = np.ones(len(self._at), dtype=bool)
         steps_of_runs = self._errors[0]
+        # Each run chooses its own number of substeps by its errors; those with equal numbers share a call.
         for steps in np.unique(steps_of_runs).tolist():
             which = np.flatnonzero(steps_of_runs == steps)
             charts = tuple(self._chart_calls[which])

@@ -138,6 +138,7 @@ def _names(record: Record, forces: _Forces) -> run_info.OutputNames:
 def _goals(reduced: ReducedModel, signals: dict[str, Array]) -> tuple[str, ...]:
     """Names of the outputs with a goal at every sample, from the first one with a valid measurement on."""
     given = np.concatenate([signals[name] for name in GOALS], axis=1)
+    # A loop has no goals before its first valid measurement; gaps after it do count.
     first = int(np.argmax(~np.isnan(given).all(axis=1))) if len(given) else 0
     stacks = ("x1_desired", reduced.vertical), ("x2_desired", reduced.reducing)
     columns = [pair for desired, outputs in stacks for pair in zip(outputs.names, signals[desired].T, strict=True)]
@@ -148,6 +149,7 @@ def _integrated(values: Array, rates: Array, time: Array) -> Array:
     """First values plus the integral of the rates (N, k), by the trapezoidal rule."""
     whole = np.empty_like(values)
     whole[:1] = 0.0
+    # In blocks: the temporary arrays of a long run would take as much memory as the run.
     for block in blocks(len(values) - 1, 4 * values.shape[1]):
         after = slice(block.start + 1, block.stop + 1)
         steps = 0.5 * np.diff(time[block.start : block.stop + 1])[:, None] * (rates[after] + rates[block])
@@ -214,6 +216,7 @@ def _quantities(record: Record, forces: _Forces, signals: dict[str, Array]) -> d
             derived["F"][block] = _reduced_forces(reduced, seen, t, T)
             derived["singular_value"][block] = seen.smallest_singular_value
             derived["ground_poses"][block] = ground_poses(bodies, seen.position)
+            # Energy and forces of contacts belong to what moves, F and the margin to the controller's model.
             own = seen if plant is reduced else StateEvaluation.at(plant.evaluator, q, v=v, t=t)
             derived["energy"][block] = own.energy
             for name, values in _contact_quantities(forces, plant, own, T, external).items():
@@ -231,6 +234,7 @@ def _reduced_forces(reduced: ReducedModel, seen: StateEvaluation, t: Array, T: A
     """Reduced forces ``R^T B T`` (N, r) of inputs (N, p); NaN where outputs are singular."""
     regular, F = seen.regular, np.full((len(T), reduced.r), np.nan)
     if regular.any():
+        # One singular state would refuse its whole block, so it is left out first.
         good = seen if regular.all() else reduced.at(seen.q[regular], v=seen.v[regular], t=t[regular])
         F[regular] = apply_transposed(good.R, apply(good.B, T[regular]))
     return F
@@ -264,6 +268,7 @@ def _free_evaluator(reduced: ReducedModel, entries: tuple[int, ...]) -> Evaluato
     """Evaluator for entries of v, kept for the next runs; others are selected where these are dependent."""
     known = _free_evaluators(reduced)
     if entries not in known:
+        # Contacts that switch ask for many reductions: the oldest leaves, so that memory stays bounded.
         while len(known) >= _MOST_REDUCTIONS:
             known.pop(next(iter(known)))
         data = reduced.reduction_data.in_entries(entries, free=True)
@@ -342,6 +347,7 @@ def ground_bodies(reduced: ReducedModel) -> tuple[GroundBody, ...]:
     model, data, neutral = robot.model, robot.model.createData(), robot.configuration()
     pin.computeJointJacobians(model, data, neutral)
     here = Kinematics(robot).position(neutral)
+    # Two configurations tell what is fixed in a body: the points and axles that both of them show.
     turned = pin.integrate(model, neutral, np.random.default_rng(0).uniform(-0.4, 0.4, robot.nv))
     there = Kinematics(robot).position(turned)
     found: dict[int, list[tuple[_Contact, _Contact]]] = {
@@ -398,6 +404,8 @@ def _is_wheel_or_steering(model: pin.Model, data: pin.Data, joint: int, contact:
     if np.linalg.norm(axis) < _UPRIGHT:  # prismatic
         return False
     away = (contact.point - data.oMi[joint].translation)[:2]
+    # A level axis is that of a wheel. An upright one near the contact steers; one farther away is the hitch of a
+    # trailer.
     return abs(axis[2]) < _UPRIGHT or float(np.linalg.norm(away)) <= contact.beside
 
 
@@ -431,8 +439,10 @@ def _body(
                 fixed.append((point, lateral))
     left = _own_left(rotation)
     if fixed and all(np.linalg.norm(np.cross(fixed[0][1], lateral)) < _SAME for _, lateral in fixed):
+        # Parallel axles that do not steer: the body faces across them, and its point is between them.
         points, left = [point for point, _ in fixed], _toward(fixed[0][1], rotation)
     elif contacts and all(one.lateral is None and one.joint == joint for one, _ in contacts):
+        # A ball that rolls itself has no heading.
         left = np.full(3, np.nan)
     name = next(iter(robot.links_of(joint)), str(robot.model.names[joint]))
     return GroundBody(name, joint, np.mean(points, axis=0) if points else np.zeros(3), left)
@@ -448,4 +458,5 @@ def _own_left(rotation: np.ndarray) -> np.ndarray:
 def _toward(left: np.ndarray, rotation: np.ndarray) -> np.ndarray:
     """Return the vector (3,) or its opposite, so that forward points along positive x or y of the body."""
     ahead = rotation.T @ np.cross(rotation @ left, [0.0, 0.0, 1.0])
+    # An axle has two directions, and a drawing needs one: forward along a positive axis of the body.
     return left if ahead[int(np.argmax(np.abs(ahead)))] >= 0 else -left

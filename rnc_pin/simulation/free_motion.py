@@ -123,9 +123,11 @@ def free_motion(
 
     def settle(q: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         q = dynamics.project(q, y)
+        # Charts change between steps only: within one, all stages have to be in the same chart.
         return q, dynamics.recentre(q, y)[1]
 
     q = assembled_start(model, numbers_of(q0, "q0"))
+    # A (cos, sin) pair or a quaternion that is rounded in a file would scale the body that it turns.
     start = model.at(pin.normalize(model.robot.model, q), v2_0, t=0.0)
     _ = start.flow(inputs_at(0.0, start))  # raise errors of shape or singularity before the integration
     y = dynamics.initial(start.q, start.v)
@@ -152,6 +154,7 @@ def free_motion(
         samples = _Samples(*(np.concatenate(each) for each in zip(*pending, strict=True)))
         pending.clear()
         states = StateEvaluation.at(model.evaluator, samples.q, v=samples.v, t=samples.times)
+        # One by one: the first sample that meets a condition ends the run, and none after it counts.
         if feedback is not None or lift_off is not None or stop_monitor.stopped(states).any():
             add(progress, samples)
             return
@@ -162,6 +165,7 @@ def free_motion(
     def advance(progress: Progress) -> None:
         progress.active_component = "the feedback" if feedback else "the model"
         pending: list[_Samples] = []
+        # A feedback sees its samples in the order of time, as in a loop, and may keep a memory of them.
         at_once = 1 if feedback else _AT_ONCE
         try:
             for t, q_t, y_t in integrator.run(times, start.q, y):

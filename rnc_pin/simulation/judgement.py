@@ -199,6 +199,7 @@ def forces_inside(run: RunData, normal: NormalForces | None, every: bool = False
 def _demands(grip: Grip, *loads: tuple[np.ndarray, ...]) -> Iterator[Finding]:
     """Findings of contacts whose constraints need more than the stated friction: where a real wheel slips."""
     time, q = (np.concatenate([each[k] for each in loads]) for k in (0, 1))
+    # NaN is a contact that carries nothing and needs nothing; infinity one that needs and carries nothing.
     used = np.nan_to_num(np.concatenate([grip.used_by_forces(*each) for _, *each in loads]), posinf=np.inf)
     for column, (name, demand) in enumerate(zip(grip.names, used.T, strict=True)):
         if demand.max(initial=0.0) > _SLIPS:
@@ -219,6 +220,7 @@ def _beyond(times: Float[np.ndarray, " N"], contact: str, used: Float[np.ndarray
 def _slips(run: RunData) -> Iterator[Finding]:
     """Findings of contacts at the limit of their friction, where a plant lets them slide, and of rows that slip."""
     used, slip = np.nan_to_num(run.friction_used), np.abs(np.nan_to_num(run.slip))
+    # A plant that knows the speed tells what slides; of others only the use of friction is known.
     slides = np.where(np.isnan(run.slip_speed), used > _AT_LIMIT, run.slip_speed > _CREEP)
     for column, name in enumerate(run.info.outputs.friction_used if len(used) else ()):
         share = float(slides[:, column].mean())
@@ -270,6 +272,7 @@ def _saturation(run: RunData, replay: LimitReplay) -> Iterator[Finding]:
         if name not in limits or not len(run.time):
             continue
         used = np.abs(np.nan_to_num(run.T[:, column])) / limits[name]
+        # Inputs are clipped to the bound itself, so equality up to rounding tells them.
         at_bound = (used >= 1.0 - ROUNDING) & (used <= 1.0 + ROUNDING)  # what exceeds the limit has a finding already
         share = float(at_bound.mean())
         if share > _SATURATED:
@@ -297,6 +300,7 @@ def _reversals(run: RunData, replay: LimitReplay) -> Iterator[Finding]:
     changes = np.diff(np.where(np.isfinite(shares), shares, np.nan))
     changes[:, ::2] *= -1.0  # changes that alternate have one sign now
     four = [changes[:, k : k + last] for k in range(4)]
+    # The smallest of four changes in alternation: one large change alone is a step of a reference.
     sizes = np.nan_to_num(np.maximum(np.minimum.reduce(four), -np.maximum.reduce(four)), nan=0.0)
     largest = sizes.max(axis=0)
     share, violent = (float((largest > least).sum()) / len(run.time) for least in (_REVERSED, _VIOLENT))

@@ -268,6 +268,7 @@ def obstacles_passed(
     for k in np.argsort(distances.smallest, kind="stable").tolist():
         passed = _clearance(checked, distances, k)
         if passed.distance < -ROUNDING:
+            # Deepest first: of each obstacle the first pair stays.
             found.setdefault(passed.names[1], passed)
     return tuple(found.values())
 
@@ -303,6 +304,7 @@ class _Limited(NamedTuple):
     def excess(self) -> np.ndarray:
         """Excess (N,) over the limits, as a share of the range; -1 for values that are not finite."""
         beyond = np.maximum(self.values - self.upper, self.lower - self.values) / self.span
+        # Values that are not finite have a finding of their own, and would hide the largest use.
         return np.where(np.isfinite(self.values), beyond, -1.0)
 
     def use(self, time: np.ndarray) -> LimitUse:
@@ -322,6 +324,7 @@ def _positions(robot: Robot, run: RunData) -> Iterator[_Limited]:
             continue  # coordinates on a circle or a sphere, or those of a base
         for k in range(joint.idx_q, joint.idx_q + joint.nq):
             low, high = float(model.lowerPositionLimit[k]), float(model.upperPositionLimit[k])
+            # Equal limits are those of a file that states none: no joint of a model is locked by them.
             if -NO_LIMIT < low < high < NO_LIMIT:
                 yield _Limited("position", name, run.q[:, k], low, high, high - low)
 
@@ -347,6 +350,8 @@ def _efforts(robot: Robot, run: RunData, others: Mapping[str, float]) -> Iterato
             continue
         place = robot.velocity_indices(name)
         limit = float(limits[place.start])
+        # A limit of zero counts if the file lets the joint move: a passive joint. A file without limits has zeros
+        # everywhere.
         is_stated = limit > 0 or (limit == 0 and len(stated) > 0 and robot.model.upperVelocityLimit[place.start] > 0)
         if place.stop - place.start == 1 and is_stated and limit < NO_LIMIT:
             span = limit if limit > 0 else float(stated.max())

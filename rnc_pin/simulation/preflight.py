@@ -99,9 +99,11 @@ def kinematic_rollout(
             if isinstance(command, Command):
                 raise InputError("it gives forces, not velocities: expected a kinematic controller")
             v2 = vector(command.v2, r, "v2")
+            # The first stage of the step is at this very state: it is not evaluated twice.
             v, desired = velocity(StateEvaluation(here, v2=v2), y)
             q, x = integrator.step(rate, q, np.append(y, t), dt, (v, np.append(desired, 1.0)))
             state, t, y = next_state, sample * dt, x[:r]
+            # Each step leaves closed loops and heights by its error, and such errors add up.
             q = reduced.assembly.project(q, t=t)
             times.append(t)
             path.append(q)
@@ -172,6 +174,7 @@ class RolloutEvaluation:
         """Model at the inner samples (N - 2,), with velocities that satisfy the constraints."""
         model, path = self._reduced.robot.model, self._path
         change = np.array([pin.difference(model, before, after) for before, after in zip(path, path[2:], strict=False)])
+        # Differences of samples violate the rows by their error; v2 alone keeps the admissible part of them.
         by_differences = self._reduced.at(path[1:-1], v=change / (2 * self._dt), t=self.inner_times)
         return StateEvaluation(by_differences, v2=by_differences.v2)
 
@@ -202,6 +205,7 @@ class RolloutEvaluation:
         Raises:
             ConstraintError: the actuators cannot produce these accelerations.
         """
+        # On the same path velocities fall with the time scale, accelerations with its square, and gravity stays.
         states = StateEvaluation(self.states, v2=self.states.v2 / time_scale)
         return states, states.allocate(states.inverse_dynamics(self.v2_dot / time_scale**2))
 

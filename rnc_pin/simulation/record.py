@@ -97,9 +97,11 @@ class Record:
         if self.count == self.capacity:
             self._grow()
         if not self._models or self._models[-1][1] is not model:
+            # Models are kept by their first sample: derived quantities of a stretch are evaluated together.
             self._models.append((self.count, model))
         if external is not None:
             if self.external is None:
+                # Zero before: a plant may begin to report forces in the middle of a run.
                 self.external = np.zeros((self.capacity, self.reduced.n))
             self.external[self.count : self.count + len(np.atleast_2d(external))] = external
 

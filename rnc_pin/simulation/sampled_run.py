@@ -240,12 +240,15 @@ class SampledRun:
         self._fallback_reason = ""
         self._late: LateTicks | None = None
         self._reduced, self._accelerations = reduced, limited_accelerations(controller)
+        # Rounding of holonomic rows in q0 would become a constraint force at the first sample.
         first = reduced.at(assembled_start(reduced, numbers_of(q0, "q0")), zeros if v2_0 is None else v2_0, t=0.0)
         adapter.reset(first)
         self._lift_off = LiftOffMonitor(adapter.reported.reduced, reduced) if options.stop.lift_off else None
         state = options.controller_state
         if state is None:
+            # From the state that the plant has after its reset: it may have projected q0 and v.
             state = controller.initial_state(adapter.read_state(0.0).measure(zeros))
+        # Time begins at zero here, so that references do not depend on when the first measurement comes.
         self.loop.resume(LoopState(begin=0.0, controller=state))
         self.record = Record(reduced, samples, integrated_outputs(reduced), adapter.reported)
 
@@ -277,6 +280,7 @@ class SampledRun:
         try:
             T = adapter.compute_input(loop, t)
         except Exception:
+            # The message names who was at work: the controller, the model, or the allocation of the command.
             progress.active_component = loop.active_component
             raise
         if perf_counter() - wall > self._dt:  # thread time, without other work of the computer, is never longer
@@ -288,6 +292,7 @@ class SampledRun:
             self._fallbacks.append(self.samples)
         if self._lift_off is not None:
             self._lift_off.check(t, state, T, adapter.reported.external)
+        # A loop that has only given safe commands has no integrals yet: they are zero at the start.
         integrals = loop.state.integrals if loop.state.integrals is not None else self._zeros
         measurement, command = self._add(t, state, T, integrals)
         self.samples += 1
@@ -319,6 +324,7 @@ class SampledRun:
         """
         for sample in range(self.samples, samples):
             self.sample(progress)
+            # No motion after the last sample: nothing would record it.
             if sample + 1 < samples:
                 self.advance()
         return self.failure
@@ -336,6 +342,7 @@ class SampledRun:
             outcome: outcome of the run.
             message: reason of an early end, if any.
         """
+        # A second report: the plant has moved since the last sample, perhaps through an event of its contacts.
         report, own, late = self._adapter.report(), self.loop.state.controller, self._late
         info = replace(
             self._info,
@@ -361,6 +368,7 @@ class SampledRun:
         lengths = [len(each) for each in np.split(samples, np.flatnonzero(np.diff(samples) > 1) + 1)]
         # A sample that ended with an error is not counted as taken.
         last = lengths.pop() if samples[-1] >= self.samples - 1 else 0
+        # A last stretch that outlasts the timeout, or all stretches before it, is no passing disturbance.
         lasts = last * self._dt > self.loop.timeout or last > max(lengths, default=0)
         first = float(samples[0] * self._dt)
         return run_info.FallbackUse(len(samples), first, self._fallback_reason, lasts or self.loop.state.failed)
@@ -373,6 +381,7 @@ def _phases(report: PlantReport, dt: float) -> tuple[run_info.PhaseInfo, ...]:
     return tuple(
         run_info.PhaseInfo(
             " + ".join(event.closed) or "flight",
+            # The first sample after the event: the one before was still taken in the old phase.
             int(np.ceil(event.time / dt - _ROUNDING)),
             event.time,
             dict(event.impulses),
@@ -393,6 +402,7 @@ def _integration(report: PlantReport) -> run_info.IntegrationAccuracy | None:
 
 def _blamed(error: DivergenceError, errors: IntegrationErrors | None, v: Array) -> DivergenceError:
     """Return an error of a motion at velocity v (nv,) that says whether the integrator diverges, and not the robot."""
+    # Small errors of the integration cannot have made such velocities: then the robot itself diverges.
     if errors is None or errors.enough <= errors.most or errors.total <= _AT_FAULT * np.abs(v).max(initial=0.0):
         return error
     what = f"the integrator, not the robot: {error.what}; substeps {errors.most} is too small, set {errors.enough}"
@@ -442,6 +452,7 @@ def complete_run(advance: Callable[[Progress], str | None], finish: Finish) -> T
         RncError: ``advance`` raised an error. ``error.trajectory`` has the trajectory so far.
     """
     progress, outcome, reason = Progress(), Outcome.COMPLETED, None
+    # Ctrl-C reaches ``advance`` alone: ``finish`` has to keep what was simulated until then.
     with uninterrupted():
         try:
             with interruptible():
@@ -470,6 +481,7 @@ def run_error(error: Exception, component: str, t: float) -> errors.RncError:
         if isinstance(error, errors.SingularityError | errors.DivergenceError) and error.time is None:
             error.time = t
         return error
+    # One line, however many the error of a user's controller has.
     message = " ".join(str(error).split())
     message = f": {message[:_LONGEST]}" if message else ""
     failure = errors.SimulationError(f"{component} raised {type(error).__name__} at t = {t:.3f} s{message}")

@@ -95,6 +95,7 @@ class StopMonitor:
         Args:
             states: states (count,) in the outputs of the controller's model.
         """
+        # Negated, so that velocities that are not numbers stop too.
         stopped = ~(np.abs(states.v2).max(axis=-1, initial=0.0) < self._speed)
         for _, k, low, high in self._ranges:
             stopped |= ~((low <= states.q[:, k]) & (states.q[:, k] <= high))
@@ -322,6 +323,7 @@ def assembled_start(reduced: ReducedModel, q0: np.ndarray) -> np.ndarray:
     """
     if not reduced.assembly.size:
         return q0
+    # Farther away it is a mistake in q0, which a projection would hide in another posture.
     if np.abs(reduced.assembly.residual(q0)).max() > _ASSEMBLED:
         name, residual = reduced.assembly.worst(q0)
         raise InputError(

@@ -117,6 +117,7 @@ class ControlLoop(ReprMixin):
         self._controller = admit_controller(controller)
         self.guard = Guard(reduced, self.settings.max_speed, self._estimator())
         self.limits = admit_limits(reduced, self.settings.limits)
+        # A safe command stays within what actuators can do, even if the user switched the limits off.
         self._fallback_limits = reduced.actuation.limits if self.limits is None else self.limits
         self.state = LoopState()
         self.last: Decision | None = None
@@ -147,6 +148,7 @@ class ControlLoop(ReprMixin):
         """
         self.reset()
         state = self.reduced.at(q, v=np.zeros(self.reduced.n) if v is None else v, t=0.0)
+        # First calls import modules and fill caches: on a robot they would be late samples.
         own = self._controller.initial_state(state.measure(np.zeros(self.reduced.r)))
         self.state = LoopState(controller=own)
         self.compute_input(0.0, state)
@@ -210,6 +212,7 @@ class ControlLoop(ReprMixin):
             integrals = self._integrate(t, state)
         measurement = state.measure(integrals)
         if before.input_deficit is not None:
+            # What actuators did not give of the last command: a controller that learns must not learn it.
             force = apply(state.input_matrix, before.input_deficit)
             measurement = measurement._replace(input_deficit=before.input_deficit, force_deficit=force)
         least = self.settings.min_singular_value
@@ -267,6 +270,7 @@ class ControlLoop(ReprMixin):
         if before.time is None or before.integrals is None or before.v2 is None:
             return np.zeros(self.reduced.r)
         elapsed = t - before.time
+        # After a gap the velocities in between are unknown: positions tell the integral to first order.
         if self._commanded or elapsed > _TIME_TOLERANCE * self.timeout:
             moved = pin.difference(self.reduced.robot.model, before.q, state.q)
             integrals: np.ndarray = before.integrals + state.J2 @ moved
@@ -341,6 +345,7 @@ class ControlLoop(ReprMixin):
         if self.state.T is not None:
             T, deficit = self._clipped(self.state.T), self.state.input_deficit
             if not np.array_equal(T, self.state.T):
+                # The other loop may have had larger limits: the deficit grows by what is clipped here.
                 requested = self.state.T if deficit is None else self.state.T + deficit
                 self.state = self.state._replace(T=T, input_deficit=_input_deficit(requested, T))
 
@@ -409,8 +414,10 @@ class VelocityObserver:
             q: measured configuration (nq,).
             elapsed: time since the last measurement [s].
         """
+        # The velocity before a gap says nothing, and its prediction would miss by far: start from the difference.
         if elapsed > self._gap:
             return VelocityEstimate(q, pin.difference(self._model, motion.q, q) / elapsed, np.zeros(self._model.nv))
+        # The critically damped g-h-k filter: three equal poles theta, so the estimate does not overshoot.
         theta = np.exp(-self.cutoff * elapsed)
         ahead = motion.v * elapsed + motion.acceleration * (0.5 * elapsed**2)
         expected = pin.integrate(self._model, motion.q, ahead)
@@ -465,6 +472,7 @@ class Guard:
             raise InvalidMeasurementError(f"time stands still or runs backwards: {t:g} s after {before.time:g} s")
         q = self._unit(_numbers("q", q, self._robot.nq))
         if elapsed is not None and before.q is not None:
+            # A jump is an error of a sensor: the observer would make a velocity of it, and the controller a force.
             speed = np.abs(pin.difference(self._robot.model, before.q, q)).max(initial=0.0) / elapsed
             if not speed < self._max_speed:
                 raise InvalidMeasurementError(
