@@ -45,6 +45,7 @@ class Assembly:
         for block in blocks:
             rows = [row for row, flag in enumerate(block.holonomic) if flag]
             if rows and block.on_ground:
+                # Heights that no joint changes, as of a planar base, are facts of the model and no equations.
                 rows = self._moving(block, rows)
             if rows:
                 self._places.append((block, rows))
@@ -114,6 +115,7 @@ class Assembly:
             raise InputError(
                 f"expected one configuration of {self.robot.nq} finite numbers, found shape {q.shape}: {q}"
             )
+        # In the metric of inertia heavy bodies stay and light ones move, as a mechanism that closes would.
         found, residual, closed = self._closest(q, hold, t=t)
         if closed:
             return found
@@ -234,6 +236,8 @@ class Assembly:
         configurations = [self.random_configuration(generator, spread) for _ in range(count)]
         with suppress(ConstraintError, SingularityError):
             neutral = self.project(self.robot.configuration())
+            # A neutral configuration is often singular, such as a stretched linkage: then it would lower the rank of
+            # all.
             if self.rank(neutral) >= max(map(self.rank, configurations)):
                 configurations.append(neutral)
         return np.stack(configurations)

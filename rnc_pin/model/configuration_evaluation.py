@@ -389,6 +389,7 @@ class ConfigurationEvaluation(SummaryMixin):
         Args:
             state: index of the state, for many states.
         """
+        # Of scaled rows: in metres and radians the longest rows would decide, and not the dependent ones.
         return weakest_rows(self.scaled_stack[state], self._names(state))
 
     def _names(self, state: int | tuple[np.intp, ...]) -> tuple[str, ...]:
@@ -414,5 +415,7 @@ def scaled_rows(E: Array, typical: Array) -> Float[Array, "*batch nv nv"]:
         E: rows of constraints and outputs.
         typical: typical lengths of the rows at other configurations.
     """
+    # A row that vanishes here is short beside its typical length: divided by its own it would look regular. NaN is left
+    # out.
     lengths = np.fmax(np.linalg.norm(E, axis=-1), typical)
     return E / np.where(lengths > 0, lengths, 1.0)[..., None]

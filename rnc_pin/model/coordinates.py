@@ -82,6 +82,7 @@ class Coordinates:
             desired: goals (..., k) [rad or m].
             actual: values (..., k) [rad or m].
         """
+        # Triples of rotations are overwritten below: their plain difference is no rotation.
         error = angle_difference(desired, actual, self.angular) if self._has_angles else desired - actual
         for triple in self._triples:
             goal, here = desired[..., triple], actual[..., triple]
@@ -164,11 +165,13 @@ class Coordinates:
             smooth[:, self.angular] = np.unwrap(smooth[:, self.angular], axis=0)
         else:
             for angle in np.flatnonzero(self.angular):  # one at a time: records are long
+                # The integral of the rate has drifted by less than half a turn, so rounding finds the whole turns.
                 turns = np.round((about[:, angle] - smooth[:, angle]) / (2 * np.pi))
                 smooth[:, angle] += 2 * np.pi * turns
         for triple in self._triples:
             column = smooth[:, triple]
             for previous, vector in pairwise(column):
+                # In place, so that the next pair compares with the vector that is already continued.
                 vector[...] = _nearest_turn(vector, previous)
         return smooth
 
@@ -253,6 +256,7 @@ def rotation_vector_rates(r: np.ndarray, w: np.ndarray, w_dot: np.ndarray) -> tu
     """
     J, _ = left_jacobian(r, np.zeros(3))
     r_dot = np.linalg.solve(J, w)
+    # A second call: the rate of J needs rdot, which the first one gives.
     _, J_dot = left_jacobian(r, r_dot)
     return r_dot, np.linalg.solve(J, w_dot - J_dot @ r_dot)
 
@@ -261,6 +265,7 @@ def _nearest_turn(vector: np.ndarray, previous: np.ndarray) -> np.ndarray:
     """Rotation vector that is nearest to ``previous`` and gives the same rotation as ``vector``."""
     angle = float(np.linalg.norm(vector))
     length = float(np.linalg.norm(previous))
+    # No axis is left: the rotation is the identity, which has all axes.
     if angle < 1e-12:
         if length < np.pi:
             return vector

@@ -137,6 +137,7 @@ def _best_rows(data: ReductionData, rows: Array) -> Int[Array, " m"] | None:
     """Indices of independent constraint rows (k, nv) of one state; None where there are too few."""
     if not np.isfinite(rows).all():
         return None
+    # Beside their usual length: a row that happens to be short here is nearly dependent, and not just small.
     natural = np.fmax(np.linalg.norm(rows, axis=-1), data.constraint_scales)
     natural = np.where(data.constraint_scales > 0, natural, np.inf)[:, None]  # rows of typical length 0 are rounding
     # Pivoted QR of A^T takes the most independent rows first; rows count relative to their usual length.

@@ -131,6 +131,7 @@ def frame_direction(axis: str | Vector, what: str = "axis") -> np.ndarray:
     found = _UNIT[axis_index(axis)] if isinstance(axis, str) else triple(axis, what)
     if not found.any():
         raise ConfigurationError(f"{what} has no length")
+    # Of unit length, so that the rows along it are in m/s.
     return np.asarray(found / np.linalg.norm(found))
 
 
@@ -337,6 +338,7 @@ class DirectionRows(WrenchRows):
 
     def check_defined(self, at: PositionKinematics) -> None:
         if self.undefined:
+            # Checked at each evaluation: beyond, the formula divides by zero and gives numbers of any size.
             length = cast("Component", self.regularity(*self.world_directions(at.rotation(self.frame))))
             check_defined(self.undefined, at.q, length, FLAT, self.names)
 

@@ -127,6 +127,7 @@ class Actuation:
                 raise ConstraintError(f"actuators: expected a list, a matrix or a function B(q), found {actuators!r}")
             self._read_list(list(actuators), robot)
         self.size = len(self.names)
+        # Columns of frames depend on q; if there are none, B is constant and costs nothing at a state.
         self.configured = frozenset(column for column, *_ in self.frames)
 
     def _read_matrix(self, matrix: np.ndarray | MatrixFunction, robot: Robot) -> None:
@@ -148,6 +149,7 @@ class Actuation:
         units: list[str] = []
         for column, actuator in enumerate(actuators):
             if isinstance(actuator, FrameForce | FrameTorque):
+                # Rows of a frame's Jacobian: linear ones first, then angular.
                 offset, word = (0, "force") if isinstance(actuator, FrameForce) else (3, "torque")
                 row = offset + axis_index(actuator.axis)
                 self.frames.append((column, robot.frame_id(actuator.frame), row))
@@ -355,6 +357,7 @@ class PassiveForces:
         for each in self._forces:
             force = each.force(at)
             total += force
+            # Work of the others leaves the energy of the system, and has to be counted as work.
             if not each.conservative:
                 without_potential += force
         return ForceSums(total, without_potential)

@@ -85,6 +85,7 @@ def select_independent(
     lengths = np.zeros(len(names)) if lengths is None else lengths
     # A row that is much shorter than its like is zero up to the rounding of a file's numbers.
     short = (left > 0) & (left < ROUNDING * lengths)
+    # Of unit length, so that rows in metres and in radians count alike in the rank.
     matrices = unit_rows(np.where(short[:, None], 0.0, samples))
     exact, rough = ([_rank(matrix, limit) for matrix in matrices] for limit in (TOLERANCE, ROUNDING))
     # Near a singular configuration, a sample has a lower rank only for the larger tolerance.
@@ -156,6 +157,7 @@ def _choose(matrices: np.ndarray, rank: int, tolerance: float) -> list[int]:
         worst = min(_smallest(matrix[kept]) for matrix in matrices)
         if worst > margin:
             best, margin = kept, worst
+        # Good enough: another search could only change which rows users read in messages.
         if worst > _WELL:
             break
     return best
@@ -164,6 +166,7 @@ def _choose(matrices: np.ndarray, rank: int, tolerance: float) -> list[int]:
 def _candidates(matrices: np.ndarray, rank: int, tolerance: float) -> Iterator[list[int]]:
     for matrix in matrices:
         yield _greedy(matrix, rank, tolerance)
+    # The first rows in the order of the user fail somewhere: pivoting takes the most independent ones instead.
     for matrix in matrices if rank else ():
         yield sorted(pivot_columns(matrix.T, rank)[0])
 
@@ -258,6 +261,7 @@ def check_forces(blocks: Collection[Rows], forces: PassiveForces, kinematics: Ki
     conserved = [block for block in blocks if block.conserved is not None]
     generator = np.random.default_rng(0)
     for q in samples if conserved and forces else ():
+        # At a random velocity, because a damper acts at no other.
         at = kinematics.position(q).with_velocity(generator.uniform(-1.0, 1.0, kinematics.nv))
         for each in forces:
             force = np.abs(each.force(at))
@@ -285,6 +289,7 @@ def check_reactions(rows: RowStack, samples: np.ndarray, lengths: np.ndarray, co
     momenta = [place for place in rows.places if place.block.conserved is not None]
     reacts = np.ones(rows.size, dtype=bool)
     for place in momenta:
+        # A momentum does not act on itself: its row is the statement that nothing does.
         reacts[place.where] = False
     if not momenta or not reacts.any():
         return

@@ -64,6 +64,8 @@ class ExponentialCoordinates:
             if adjoint is not None:
                 self._curved.append((slice(joint.idx_v, joint.idx_v + joint.nv), adjoint))
             elif joint.nv > 1 and joint.shortname() != "JointModelTranslation":
+                # Of translations and single joints the coordinates are the tangent space itself: no derivative is
+                # needed.
                 self._others = True
 
     def derivative(self, rate: Rate, q: Array, u: Array, y: Array) -> tuple[Array, Array]:
@@ -308,6 +310,8 @@ class ExponentialRungeKutta4:
             DivergenceError: the step is longer than the chart.
         """
         n, r = len(linear.u), len(linear.decay)
+        # Positions and integrals are driven by the decaying velocities: their part of exp(hL) follows from the same
+        # modes.
         follow = np.vstack([linear.u, linear.others])
         half, whole = phi_functions(-0.5 * h * linear.decay, 2), phi_functions(-h * linear.decay, 4)
 
@@ -331,6 +335,7 @@ class ExponentialRungeKutta4:
 
         start = np.concatenate([np.zeros(n), linear.inverse @ y[:r], y[r:]])
         first, flows = slope(start), linear_slope(start)
+        # N is the part of the rate that the linear part leaves: only its change within the step makes an error.
         N = first - flows
         at_a = start + phi(1, half, 0.5 * h, first)
         N_a = slope(at_a) - linear_slope(at_a)
@@ -362,6 +367,7 @@ def phi_functions(x: np.ndarray, last: int) -> list[np.ndarray]:
     """
     if not x.any():
         return [np.full_like(x, 1.0 / factorial(k)) for k in range(last + 1)]
+    # Beyond, the recurrence divides by a number above one and loses no digits; nearer, it would lose all of them.
     far = x < -_SERIES_BELOW
     near = np.where(far, 0.0, x)
     series = np.zeros_like(x)
@@ -479,11 +485,13 @@ class AdaptiveIntegrator:
             y = solver.y[nv:]
             if self._settle is not None:
                 q, y = self._settle(q, y)
+            # A chart per step: local coordinates stay small, and far from where their derivative is singular.
             solver.y = np.concatenate([np.zeros(nv), y])
             if due < len(times) and times[due] == solver.t:
                 yield _block(times[due : due + 1], q, y)
                 due += 1
             if due < len(times):
+                # The solver begins a step with the slope at the end of the last one, which was in the old chart.
                 solver.f = chart_rate(solver.t, solver.y)
 
 

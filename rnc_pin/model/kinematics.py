@@ -101,6 +101,8 @@ class Kinematics:
             frame: index of the frame; None for the whole robot.
         """
         model, frames = self.model, self.frame_constants
+        # Pinocchio differentiates as if axes were constant in their bodies: wrong for e.g. universal joints, so
+        # refused.
         for name in () if self.axes_are_constant else joints_with_moving_axes(model):
             if frame is None or model.getJointId(name) in list(model.supports[frames(frame)[0]]):
                 raise ModelError(
@@ -421,6 +423,7 @@ def _update_placements(at: Kinematics, q: np.ndarray) -> None:
 
 
 def _update_velocities(at: Kinematics, q: np.ndarray, v: np.ndarray) -> None:
+    # At zero vdot, accelerations are those that the rates of Jacobians cause: Jdot v.
     pin.forwardKinematics(at.model, at.data, q, v, at.zero)
 
 
@@ -430,6 +433,7 @@ def _update_rates(at: Kinematics, q: np.ndarray, v: np.ndarray) -> None:
 
 
 def _update_derivatives(at: Kinematics, q: np.ndarray, v: np.ndarray) -> None:
+    # The derivatives read the Jacobians, which they do not compute themselves.
     pin.computeJointJacobians(at.model, at.data, q)
     _update_velocities(at, q, v)
     pin.computeForwardKinematicsDerivatives(at.model, at.data, q, v, at.zero)
@@ -522,6 +526,7 @@ def _frame_gradients(at: Kinematics, frame: int) -> np.ndarray:
     point = a.linear + np.cross(v.angular, v.linear)
     point_q = a_q[:3] - pin.skew(v.linear) @ v_q[3:] + pin.skew(v.angular) @ v_q[:3]
     own = (v.linear, v_q[:3]), (v.angular, v_q[3:]), (point, point_q), (a.angular, a_q[3:])
+    # A vector in own axes turns with the frame: its gradient in the world has the part of that rotation too.
     return np.stack([turn @ (gradient - pin.skew(vector) @ twist) for vector, gradient in own])
 
 

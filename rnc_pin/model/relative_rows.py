@@ -292,6 +292,7 @@ def mimic_row(robot: Robot, mimic: Mimic) -> CouplingRow | None:
         robot: the robot.
         mimic: joint, leading joint, multiplier and offset.
     """
+    # A joint that the file fixes still prescribes the other one: its row is a lock at the matching value.
     joint, of, multiplier, offset = mimic
     moving = {name for name in robot.joint_names if robot.model.joints[robot.joint_id(name)].nv == 1}
     name = f"coupling({joint}, {of})"
@@ -337,6 +338,7 @@ def _period(joint_turns: bool, driver_turns: bool, ratio: float) -> float | None
     if not joint_turns:
         return 2 * np.pi * abs(ratio)
     largest_denominator = 1000  # of the ratio of gears; other ratios have no period that matters
+    # A driver's full turn moves the joint by 2 pi ratio: the values it may take repeat after the denominator.
     fraction = Fraction(ratio).limit_denominator(largest_denominator)
     if abs(float(fraction) - ratio) > 1e-12 * abs(ratio):
         return None

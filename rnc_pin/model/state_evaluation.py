@@ -72,6 +72,7 @@ class StateEvaluation(ConfigurationEvaluation):
             configuration.configuration if isinstance(configuration, StateEvaluation) else configuration
         )
         super().__init__(configuration._evaluator, configuration.q, self.configuration, configuration.t)
+        # At a velocity, rates of rows over time are needed at once; at a configuration only mu needs them.
         self._check_time()
         self._v2, self._v, self._motion = v2, v, motion
         if arrays is not None:
@@ -113,6 +114,7 @@ class StateEvaluation(ConfigurationEvaluation):
         """
         q.setflags(write=False)
         state = cls(ConfigurationEvaluation(evaluator, q, None, t, arrays[0]), v=v, arrays=arrays[1])
+        # Set for the state too: its own look-up through the configuration costs a call in each sample.
         state.arrays_at_q = arrays[0]
         return state
 
@@ -122,6 +124,7 @@ class StateEvaluation(ConfigurationEvaluation):
         Args:
             evaluator: evaluator of the other reduction.
         """
+        # The full velocity is the same in each reduction; v2 is that of other outputs.
         return StateEvaluation(self.configuration.in_reduction(evaluator), v=self.v, motion=self._motion)
 
     def with_velocity(self, v: Array) -> StateEvaluation:
@@ -460,6 +463,7 @@ class StateEvaluation(ConfigurationEvaluation):
             v2_dot: reduced accelerations (..., r).
         """
         robot = self._data.robot
+        # Data of its own: the regressor overwrites what other evaluations have cached.
         model, data = robot.model, robot.model.createData()
         v_dot = self.v_dot(vector(v2_dot, self._data.r, "v2_dot"))
         batch = v_dot.shape[:-1]
@@ -503,6 +507,7 @@ class StateEvaluation(ConfigurationEvaluation):
         force = self._total_force(T, external)
         found = self._multipliers(force, self.accelerated(force))
         if self.factorization.kept is not None:
+            # Multipliers belong to rows by name: of other rows than the default, none has one of these names.
             other = self.kept_rows != np.array(self._data.kept, dtype=int)
             found[other.any(axis=-1)] = np.nan
         return found
@@ -598,5 +603,6 @@ def output_slopes(here: ConfigurationEvaluation, along: Sequence[int] | Array) -
     """
     if (filled := here.arrays_at_q.output_slopes(along)) is not None:
         return filled
+    # A column of R moves one reducing output at unit rate, so the rate along it is a partial derivative.
     each = [StateEvaluation(here, v=here.R[..., j]).A_star_dot for j in along]
     return np.stack(each) if each else np.zeros((0, *here.A_star.shape))

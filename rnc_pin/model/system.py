@@ -104,6 +104,7 @@ class NonholonomicSystem(SummaryMixin):
         for kind, block in zip(self.kinds, blocks, strict=True):
             block.kind = kind
         if mimic and robot.mimics:
+            # A loop or a gear of the user may hold what a mimic joint repeats: one of both rows would be dependent.
             blocks += _not_implied(mimic_rows(robot, blocks), robot, blocks)
         self.rows = RowStack(blocks)
         _check_unique(self.rows.names, "constraint row")
@@ -146,10 +147,12 @@ class NonholonomicSystem(SummaryMixin):
 
     def _selected(self, couplings: Sequence[str], spread: float = np.pi) -> tuple[np.ndarray, independence.Selection]:
         """All rows (samples, k, nv) at sampled configurations, and the independent ones."""
+        # One set of configurations for all tests, so that rank, scales and regularity speak of the same places.
         self._samples = self.assembly.samples(_SAMPLES, spread)
         samples, rates = _sample_rows(self.rows, self.robot, self._samples)
         scales = [independence.block_row_scales(block, samples[:, at]) for block, at, _ in self.rows.places]
         lengths = np.concatenate([np.zeros(0), *scales])  # relative to which rows count as zero
+        # Before the selection: it might drop the very row that tells the contradiction.
         independence.check_reactions(self.rows, samples, lengths, couplings)
         angular = np.array([unit == "rad/s" for unit in self.robot.velocity_units])
         mu = rates if self.rows.affine else None
@@ -267,6 +270,7 @@ class NonholonomicSystem(SummaryMixin):
         failures = []
         for q in self._samples:
             try:
+                # One regular sample is enough: outputs may be singular somewhere, and the run tells where.
                 _ = reduced.at(q, t=0.0).R
                 return
             except SingularityError as error:
@@ -309,6 +313,7 @@ def _sample_rows(rows: RowStack, robot: Robot, configurations: np.ndarray) -> tu
             out, mu = rows.jacobian(position), rows.rate(position)
         except SingularityError:
             continue
+        # NaN would pass the rank test as any number, and make every evaluation NaN later.
         finite = np.isfinite(out).all(axis=1) & np.isfinite(mu)
         if not finite.all():
             bad = rows.names[int(np.argmin(finite))]
@@ -353,6 +358,7 @@ def _doubts(robot: Robot, blocks: Sequence[Rows], samples: np.ndarray, found: in
             f"joints that should mimic others move independently: {few(loose)}; "
             "couple them (mimic=True, JointCoupling), or lock them together with the joints that they follow"
         )
+    # Frames of one joint cannot move apart: a loop that locked joints have closed needs no rows.
     closed = [{*each.frames} for block in blocks for each in block.mechanisms() if isinstance(each, FrameAnchor)]
     loose = [
         f"{a} and {b}"

@@ -104,6 +104,7 @@ def find_output(reduced: ReducedModel, output: object, what: str) -> tuple[Outpu
         known += each.names
         for place in each.places:
             if output in place.of(np.array(place.block.names)) and isinstance(place.block, OutputRows):
+                # The whole block, of which one row is chosen: a rotation needs its three entries for a difference.
                 return OutputStack([place.block]), np.array([place.block.names.index(output)])
     raise ConfigurationError(f"no output '{output}'{nearest(output, known)}")
 
@@ -182,6 +183,7 @@ def _target(
         array = np.array(value, dtype=float)
     except (TypeError, ValueError):
         raise InputError(f"target '{label}': expected {len(rows)} numbers, found {value!r}") from None
+    # A matrix is read as such: its rotation vector has three numbers, as the output has.
     if rotation and array.shape == (3, 3):
         if not np.allclose(array @ array.T, np.eye(3), atol=1e-6) or np.linalg.det(array) < 0:
             raise InputError(f"target '{label}': the matrix is not a rotation")

@@ -34,6 +34,7 @@ def directional_derivative(
         x: the tangent vector.
         step: distance between evaluations [rad or m].
     """
+    # Along a unit vector, so that the step has the same size for slow and for fast velocities.
     length = np.linalg.norm(x)
     if length == 0:
         return np.zeros_like(field(q))
@@ -95,6 +96,7 @@ def vector_gradient_with_error(field: Field, x: np.ndarray) -> tuple[np.ndarray,
 
 def _with_error(at_step: Callable[[float], np.ndarray]) -> tuple[np.ndarray, float]:
     """Derivatives by a step, and their difference from those by twice the step."""
+    # The error of order eight falls by 256 with half the step: the difference is that of the coarse one.
     coarse, fine = at_step(0.8 * STEP), at_step(0.4 * STEP)
     return fine, float(np.abs(fine - coarse).max(initial=0.0))
 
@@ -194,11 +196,13 @@ def _difference(
     here = np.array(function(q, *t), dtype=float)
 
     def values(at: np.ndarray, *t: float) -> np.ndarray:
+        # An angle may jump by a full turn between two points of the stencil: differences from here are wrapped.
         change = np.asarray(function(at, *t), dtype=float) - here
         return np.remainder(change + np.pi, 2 * np.pi) - np.pi if angular else change
 
     found = [_flow(model, values, q, v, t, step) for step in _STEPS]
     doubts = [float(np.abs(found[0] - other).max(initial=0.0)) for other in found[1:]]
+    # A longer step suffers from curvature, a shorter one from rounding: the pair that agrees better decides.
     return found[0] if doubts[0] <= doubts[1] else found[2], min(doubts)
 
 
