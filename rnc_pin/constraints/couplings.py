@@ -152,6 +152,7 @@ class _ClosureRows(RelativeRows):
     """
 
     def __init__(self, frames: tuple[str, str], a: OffsetFrame, b: OffsetFrame, point: bool) -> None:
+        # A point is seen from a. A whole frame is: a seen from b and reversed, so that b's own axes need no rate.
         super().__init__(*((PointRows(b), a.index) if point else (_TwistRows(a), b.index)))
         self._frames, self._a, self._b, self._point = frames, a, b, point
         self.names = tuple(f"closure_{part}({a.name}, {b.name})" for part in _PARTS[: 3 if point else 6])
@@ -161,6 +162,7 @@ class _ClosureRows(RelativeRows):
         a, b = self._a.placement(at), self._b.placement(at)
         back = a.rotation.mT
         apart, turned = apply(back, b.translation - a.translation), back @ b.rotation
+        # The logarithm is the twist that closes the loop in unit time: a Newton step for the projection.
         return apart if self._point else over_states(_log6, (6,), turned.reshape(*at.q.shape[:-1], 9), apart)
 
     def lines_of_action(self, at: PositionKinematics) -> None:

@@ -213,8 +213,10 @@ def wheel_wrenches(axle: Sequence[Entry], normal: Sequence[Entry], radius: Entry
         radius: radius of the wheel [m].
     """
     across, s, z = cross(axle, normal), wheel_level(axle, normal), dot(axle, normal)
+    # Of unit length: rolling and lateral rows are speeds at any lean of the wheel.
     heading = [each / s for each in across]
     rolling = [*heading, *(-radius * each for each in axle)]
+    # The arm to the contact is r (z h' - s n): its moments are in closed form, without the point itself.
     lateral = [*cross(normal, heading), *(radius * each for each in across)]
     return [rolling, lateral, [*normal, *(radius * z * each for each in heading)]]
 

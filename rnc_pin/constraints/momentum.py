@@ -129,6 +129,7 @@ class _MomentumRows(Rows):
         return at.M[..., self._rows, :]
 
     def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
+        # Mdot = C + C^T of the Coriolis matrix that Pinocchio computes.
         return at.C[..., self._rows, :] + at.C.mT[..., self._rows, :]
 
     def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
@@ -171,6 +172,7 @@ class _WorldMomentumRows(_MomentumRows):
         return over_states(self._action, block, place.rotation.reshape(*at.q.shape[:-1], 9), place.translation)
 
     def _action(self, rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
+        # Momenta are dual vectors: the dual action carries them from the body to the fixed axes.
         return (self._fixed * pin.SE3(rotation.reshape(3, 3), translation)).toDualActionMatrix()[self._block]
 
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
@@ -187,6 +189,7 @@ class _WorldMomentumRows(_MomentumRows):
     def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
         force, units = super().bias_acceleration(at), np.eye(at.v.size)[self._rows]
         gradient = at.bias_gradient()[self._rows]
+        # Moving the joint turns the axes to the world: the force on the base turns with them.
         gradient[:, self._rows] += np.stack([self._coadjoint(each) @ force for each in units], axis=-1)
         return self._to_world(at) @ gradient
 

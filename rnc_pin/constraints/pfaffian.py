@@ -236,6 +236,7 @@ class _PrescribedRows(FixedRows):
 
     def _at(self, t: float) -> tuple[Array, Array, Array]:
         """Position, velocity and acceleration (k,) at a time."""
+        # One call for all three: a motion of a user may take long.
         position, velocity, acceleration = (
             np.asarray(each, dtype=float)
             for point in [self._motion.at(t + self._start_time)]
@@ -345,6 +346,7 @@ class _PfaffianRows(Rows):
     def _residual_rate(self, q: Array, v: Array, *t: float) -> Array:
         """Rate (k,) that the residual has by the rows."""
         found = self._functions["rows"](q, *t) @ v
+        # The residual has to change as the rows say, or the projection would push against the velocities.
         return found - self._functions["rate"](q, *t) if self.affine else found
 
     def jacobian(self, at: PositionKinematics) -> Array:

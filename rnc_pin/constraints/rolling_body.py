@@ -209,6 +209,8 @@ class SurfaceContactRows(BodyContactRows):
         length = _dot(gradient, gradient) ** 0.5
         normal = gradient / length
         bent = self._surface.hessian(point) / length[..., None]
+        # Shape operator of the ground: rate of the unit normal along the surface, from the Hessian without its normal
+        # part.
         turning = bent - normal[..., :, None] * (normal[..., None, :] @ bent)
         axes = rotation @ self._turned
         outward = -apply(axes.mT, normal)
@@ -236,6 +238,7 @@ class SurfaceContactRows(BodyContactRows):
             # The nearest point to the centre is the solution for a ball, and near it for other bodies.
             point = self._surface.below(origin + apply(rotation, self._center))
             found = self._at(rotation, point, np.zeros(point.shape[:-1]))
+            # The first gap is the distance along the normal: for a ball it is exact, and Newton's method ends at once.
             gap = _product(origin + found.arm - point, found.normal)
             found = found._replace(gap=gap)
             size = np.linalg.norm(found.arm, axis=-1) + np.linalg.norm(point, axis=-1)
@@ -265,6 +268,7 @@ class SurfaceContactRows(BodyContactRows):
         """Rates (..., 3) of the arm and of the normal, for velocities of the frame (..., 3)."""
         turned = apply(found.spread, vector_product(w, found.normal))
         moved = v + vector_product(w, found.arm)
+        # Only what moves along the surface moves the contact point; the rest opens or closes the gap.
         along = moved + turned - _dot(found.normal, moved) * found.normal
         normal = apply(found.turning, _solve(found.relative, along[..., None])[..., 0])
         return vector_product(w, found.arm) + turned - apply(found.spread, normal), normal
@@ -282,6 +286,7 @@ class SurfaceContactRows(BodyContactRows):
         along = direction - normal * _dot(normal, direction)
         length = _dot(along, along) ** 0.5
         first = along / length
+        # Rate of the projection, then of its unit vector: the axes follow the surface without slope of their own.
         turned = -rate * _dot(normal, direction) - normal * _dot(rate, direction)
         turned = (turned - first * _dot(first, turned)) / length
         return np.stack([turned, vector_product(rate, first) + vector_product(normal, turned), rate], axis=-2)

@@ -136,8 +136,11 @@ class WheeledBase:
             slopes = (self._guides.jacobian_dot(turned) * self._weights)[:, self.base] @ to_base
         U, values, Vt = np.linalg.svd(rows[:, self._followers])
         rank = int((values > _RANK * values[0]).sum()) if len(values) else 0
+        # What the followers do for each motion of the base: the pseudoinverse leaves out combinations that only
+        # rounding tells.
         solved = (Vt[:rank].T / values[:rank]) @ U[:, :rank].T
         by_base = rows[:, self.base] @ to_base
+        # Rows that no follower can answer limit the base itself.
         _, limits, directions = np.linalg.svd(U[:, rank:].T @ by_base)
         moving, turning = np.zeros((self.reduced.n, 3)), np.zeros((self.reduced.n, len(self.pivots)))
         moving[self.base], moving[self._followers] = to_base, -solved @ by_base
@@ -164,16 +167,19 @@ class WheeledBase:
             return PivotTurns(np.zeros(0), np.zeros(0))
         across, along = motion.guides[self.aims] @ aim, motion.slopes[self.aims] @ aim
         size = np.hypot(across, along)
+        # A wheel may roll backwards: of both angles, half a turn apart, the one within a quarter turn.
         shortest = np.arctan2(-across * np.where(along < 0.0, -1.0, 1.0), np.abs(along))
         found, at = shortest + _HALF_TURNS, q[self.places[self.pivots]]
         low, high = self.lower[self.pivots] - at, self.upper[self.pivots] - at
         undecided = np.abs(shortest) > np.pi / 2 - _UNDECIDED
+        # Near a quarter turn both ways are as short: going on in the last direction avoids that noise turns it back.
         cost = np.abs(found) + 4.0 * _UNDECIDED * (undecided & (found * rates < 0.0))
         cost[(found < low - _SETTLED) | (found > high + _SETTLED)] = np.inf
         best, columns = np.argmin(cost, axis=0), np.arange(len(size))
         turn, beyond, outside = found[best, columns], np.zeros(len(size)), np.isinf(cost[best, columns])
         if outside.any():
             ends = np.stack([low[outside], high[outside]])
+            # No angle is within the limits: the end at which the wheel slips sideways least.
             missed = np.abs(across[outside] * np.cos(ends) + along[outside] * np.sin(ends))
             end = ends[np.argmin(missed + _ZERO * size[outside] * np.abs(ends), axis=0), np.arange(outside.sum())]
             turn[outside], beyond[outside] = end, np.abs(found[:, outside] - end).min(axis=0)
@@ -211,6 +217,7 @@ class WheeledBase:
         found = [rows.jacobian(each) for each in samples]
         twists = [A[:, self.base] @ self._to_base(each) for A, each in zip(found, samples, strict=True)]
         whole = np.max(np.linalg.norm(found, axis=2), axis=0)
+        # By its linear part a row is a speed of a contact, so that rows of all wheels compare.
         linear = np.max(np.linalg.norm(np.array(twists)[:, :, :2], axis=2), axis=0)
         typical = np.where(linear > _ROUNDED * whole, linear, whole)
         self._scales = np.divide(1.0, typical, out=np.zeros_like(typical), where=typical > _ZERO)[:, None]
@@ -225,6 +232,7 @@ class WheeledBase:
 
     def _find_pivots(self, samples: Sequence[PositionKinematics]) -> None:
         found = np.array([self._rows.jacobian(each) * self._scales for each in samples])
+        # A guide has entries of the base alone, at every configuration.
         moved = np.abs(found[:, :, self._others]).max(axis=(0, 2), initial=0.0)
         still = np.abs(found[:, :, self.base]).max(axis=(0, 2)) <= _ZERO
         is_guide = (moved <= _ROUNDED * self.length) & ~still
@@ -248,6 +256,7 @@ class WheeledBase:
         )  # rows of wheels on the base, not on trailers and casters
         driven = np.abs(self.reduced.actuation.matrix(samples[0])).max(axis=1, initial=0.0) > 0
         aim_of: dict[int, int] = {}
+        # Rows of the model before those that are missing, and driven pivots first: these are aimed, the others follow.
         for row in sorted(pivot_of, key=lambda row: (row >= self._own, not driven[pivot_of[row]], row)):
             joint = pivot_of[row]
             if joint not in aim_of and self._turns(rows, joint, list(aim_of)):
@@ -267,6 +276,7 @@ class WheeledBase:
         """True if a joint turns while the base and some joints rest."""
         free = [each for each in self._others if each != joint and each not in resting]
         for A in rows:
+            # Other joints may follow it, as those of a linkage, and a tie rod leaves a rest of rounding.
             answer = A[:, free] @ np.linalg.lstsq(A[:, free], -A[:, joint], rcond=_RANK)[0]
             if np.abs(answer + A[:, joint]).max(initial=0.0) > _ROUNDED * self.length:
                 return False
@@ -387,6 +397,7 @@ def _wheels(block: Rows, robot: Robot, at: PositionKinematics) -> list[_Wheel]:
         center = frame.translation + frame.rotation @ each.center
         up = np.array([0.0, 0.0, 1.0]) if plane is None else plane.axes[2]
         lift = at.jacobian(robot.frame_id(each.frame))
+        # Vertical velocity of the contact point: if no joint has any, no row keeps the height either.
         rising = up @ (lift[:3] - pin.skew(lines[0][0] - frame.translation) @ lift[3:])
         fixed = bool(np.abs(rising).max() < rounding)
         stated = None if plane is None or (up[2] == 1.0 and not plane.point[2]) else plane  # z = 0 may be a default
@@ -412,6 +423,7 @@ def _above(point: Array, plane: GroundPlane | None, ground: float | None) -> flo
 
 def _severity(wheel: _Wheel, difference: float) -> Severity:
     """A note if rounding explains a difference [m]."""
+    # A radius of 0.1 may be 0.0985 rounded to its last digit; one of 0.0985 may not.
     digits = f"{wheel.radius:.9f}".rstrip("0").partition(".")[2]
     rounded, coarse = 0.01, 0.05  # parts of a radius that rounding explains: always, and if its last digit is as coarse
     rounding = min(0.5 * 10.0 ** -len(digits), coarse * wheel.radius)
