@@ -9,6 +9,8 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING
 
+from numpy import ndarray as Array
+
 if TYPE_CHECKING or "jaxtyping" in sys.modules:
     from jaxtyping import Bool, Float, Int
 else:
@@ -19,4 +21,4 @@ else:
 
     Bool = Float = Int = _AnyShape
 
-__all__ = ["Bool", "Float", "Int"]
+__all__ = ["Array", "Bool", "Float", "Int"]

@@ -7,10 +7,9 @@ from contextlib import suppress
 from typing import cast
 
 import numpy as np
-from numpy import ndarray as Array
 
 from rnc_pin.analysis.normal_forces import ContactLines, NormalForces, contacts_of
-from rnc_pin.array_shapes import Bool, Float
+from rnc_pin.array_shapes import Array, Bool, Float
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.math.convex_programs import least_shares
 from rnc_pin.model.cached_property import cached_property

@@ -7,9 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import InputError
 from rnc_pin.model.configuration_evaluation import no_time
 from rnc_pin.model.input_validation import ArrayInput, vector

@@ -18,11 +18,10 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 import scipy
-from numpy import ndarray as Array
 
 from rnc_pin.analysis.derivatives import StateDerivatives, state_derivatives
 from rnc_pin.analysis.lie_brackets import frame_bracket
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import ConstraintError, InputError, ModelError, SingularityError, place_of
 from rnc_pin.model.input_validation import vector
 from rnc_pin.model.kinematics import Kinematics

@@ -24,11 +24,10 @@ from itertools import combinations
 from typing import cast
 
 import numpy as np
-from numpy import ndarray as Array
 
 from rnc_pin.analysis.growth import grow, regular_samples
 from rnc_pin.analysis.redundancy_class import has_full_row_rank, largest_entries, motions_alone, rates_along
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import ConfigurationError, RncError, SingularityError, few
 from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.math.linear_algebra import pivot_columns

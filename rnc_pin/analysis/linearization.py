@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import scipy
-from numpy import ndarray as Array
 
 from rnc_pin.analysis.derivatives import StateDerivatives, state_derivatives
 from rnc_pin.analysis.equilibrium import entries_of
 from rnc_pin.analysis.lie_brackets import frame_bracket
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import (
     ConfigurationError,
     ConstraintError,

@@ -11,9 +11,8 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 import scipy
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float, Int
+from rnc_pin.array_shapes import Array, Float, Int
 from rnc_pin.errors import ConfigurationError, SingularityError
 from rnc_pin.math.linear_algebra import nonnegative
 from rnc_pin.model.cached_property import once_per_model

@@ -21,12 +21,11 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 import scipy
-from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
 from rnc_pin.analysis.growth import filtration
 from rnc_pin.analysis.lie_brackets import PIECES, BracketJets
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, InputError
 from rnc_pin.model.coordinates import PlacementChart
 from rnc_pin.model.reduced_model import ReducedModel

@@ -10,11 +10,10 @@ from weakref import WeakKeyDictionary
 import coal
 import numpy as np
 import pinocchio as pin
-from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
 from rnc_pin import _kernel
-from rnc_pin.array_shapes import Float, Int
+from rnc_pin.array_shapes import Array, Float, Int
 from rnc_pin.collision.pairs import (
     NUMBERS,
     LinkPair,

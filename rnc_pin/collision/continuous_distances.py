@@ -14,9 +14,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Bool, Float, Int
+from rnc_pin.array_shapes import Array, Bool, Float, Int
 from rnc_pin.collision.collision_distances import CollisionDistances, PlacedBodies
 from rnc_pin.collision.motion_segments import SampledMotion
 from rnc_pin.collision.pair_bounds import PairBounds, PairEnds

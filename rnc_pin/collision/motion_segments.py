@@ -8,9 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float, Int
+from rnc_pin.array_shapes import Array, Float, Int
 from rnc_pin.collision.shapes import Obstacle, ObstacleMotion
 from rnc_pin.errors import ModelError
 from rnc_pin.model.coordinates import ConfigurationManifold

@@ -10,11 +10,10 @@ from typing import Annotated, Literal
 import coal
 import numpy as np
 import yaml
-from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
-from rnc_pin.array_shapes import Bool, Float, Int
+from rnc_pin.array_shapes import Array, Bool, Float, Int
 from rnc_pin.collision.shapes import Obstacle
 from rnc_pin.errors import ConfigurationError, InputError, ModelError
 from rnc_pin.io.safe_read import load_yaml, read_bytes

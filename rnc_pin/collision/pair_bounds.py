@@ -20,9 +20,8 @@ from typing import NamedTuple
 
 import coal
 import numpy as np
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Bool, Float, Int
+from rnc_pin.array_shapes import Array, Bool, Float, Int
 from rnc_pin.collision.collision_distances import CollisionDistances, PlacedBodies
 from rnc_pin.collision.motion_segments import Segments
 from rnc_pin.errors import ModelError

@@ -19,10 +19,9 @@ from typing import Protocol
 import coal
 import numpy as np
 import pinocchio as pin
-from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
-from rnc_pin.array_shapes import Float, Int
+from rnc_pin.array_shapes import Array, Float, Int
 from rnc_pin.errors import InputError, ModelError, nearest
 from rnc_pin.robots.robot import Robot
 from rnc_pin.robots.sources.mesh_formats import Mesh, MeshError, convex_hull, read_mesh

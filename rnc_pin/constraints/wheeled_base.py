@@ -14,9 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.constraints.ground_plane import GroundPlane, RollingRows, WheelDisk
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.frame_rows import FrameVelocityRows

@@ -7,9 +7,8 @@ from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 import pinocchio as pin
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.constraints.wheeled_base import WheeledBase
 from rnc_pin.control.controller import (
     Command,

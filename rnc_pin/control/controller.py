@@ -19,9 +19,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, ClassVar, Literal, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import ConfigurationError, InputError, nearest, short_text
 from rnc_pin.io.json import Json
 from rnc_pin.model.evaluation_results import Measurement

@@ -15,9 +15,8 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 import pinocchio as pin
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.controller import Description, elapsed_time, listed
 from rnc_pin.control.feedback import apply_dead_zone
 from rnc_pin.errors import ConfigurationError

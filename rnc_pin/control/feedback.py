@@ -33,9 +33,8 @@ from math import exp, expm1, isfinite
 from typing import NamedTuple
 
 import numpy as np
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Bool, Float
+from rnc_pin.array_shapes import Array, Bool, Float
 from rnc_pin.errors import InputError
 from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.references.reference import ReferencePoint

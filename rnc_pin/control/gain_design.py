@@ -12,9 +12,8 @@ from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
 import pinocchio as pin
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.controller import Description, check_known, listed
 from rnc_pin.errors import ConfigurationError, InfeasibleError, few, short_text
 from rnc_pin.math.linear_algebra import apply_transposed

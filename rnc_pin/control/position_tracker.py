@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.controller import Command, DescribedMixin, check_size, elapsed_time, goals_at
 from rnc_pin.control.feedback import fed_back, leak, saturation_mask
 from rnc_pin.control.gain_design import PositionGains

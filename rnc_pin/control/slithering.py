@@ -7,9 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import ConfigurationError, SingularityError, place_of
 from rnc_pin.model.coordinates import wrapped
 from rnc_pin.model.evaluation_results import Measurement

@@ -12,9 +12,8 @@ from itertools import product
 
 import numpy as np
 import pinocchio as pin
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.constraints.wheeled_base import BaseMotion, WheeledBase
 from rnc_pin.control.actuator_velocity import (
     FeasibleTwist,

@@ -15,9 +15,8 @@ from typing import NamedTuple
 
 import daqp
 import numpy as np
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 
 
 class ConeMargin(NamedTuple):

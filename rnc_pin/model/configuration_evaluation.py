@@ -13,9 +13,8 @@ from math import prod
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import ConstraintError, DivergenceError, InputError, SingularityError
 from rnc_pin.math.linear_algebra import Component, apply, apply_transposed, inverse, product, weakest_rows
 from rnc_pin.model.cached_property import cached_property

@@ -20,9 +20,8 @@ from typing import TypeVar
 
 import numpy as np
 import pinocchio as pin
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import ConfigurationError
 
 _Angle = TypeVar("_Angle", float, np.ndarray)

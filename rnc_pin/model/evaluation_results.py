@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple, cast
 
-from numpy import ndarray as Array
-
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.printing import printed
 
 _ABSENT = cast(Array, None)  # a field may be absent if the controller does not read it

@@ -11,9 +11,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Bool, Float, Int
+from rnc_pin.array_shapes import Array, Bool, Float, Int
 from rnc_pin.math.linear_algebra import inverse, pivot_columns
 from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.reduction_data import ReductionData, best_entries

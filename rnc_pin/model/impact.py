@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import ConstraintError, InputError, nearest
 from rnc_pin.math.linear_algebra import apply, apply_transposed, solve_positive_definite
 from rnc_pin.model.assembly import Assembly

@@ -11,9 +11,8 @@ from collections.abc import Sequence
 from typing import overload
 
 import numpy as np
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.evaluation_results import LagrangianTerms, ReducedRegressor, ReducedTerms

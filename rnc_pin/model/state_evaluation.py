@@ -18,9 +18,8 @@ from dataclasses import fields
 
 import numpy as np
 import pinocchio as pin
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import DivergenceError
 from rnc_pin.math.linear_algebra import (
     Component,

@@ -10,9 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import clipped, null_space
 from rnc_pin.model.evaluator import Evaluator, evaluator_for, state_rates

@@ -8,9 +8,8 @@ from types import MappingProxyType
 from typing import NamedTuple, Never, Protocol, runtime_checkable
 
 import numpy as np
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants.step_control import IntegrationErrors
 

@@ -16,10 +16,9 @@ from types import MappingProxyType
 import numpy as np
 import pinocchio as pin
 import scipy
-from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import ConfigurationError, InputError, place_of, short_text
 from rnc_pin.io.safe_read import read_bytes
 from rnc_pin.model.coordinates import Coordinates, rotation_vector_rates

@@ -12,10 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy import ndarray as Array
 
 from rnc_pin.analysis import NormalForces
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.math.linear_algebra import apply, apply_transposed
 from rnc_pin.model.cached_property import once_per_model
 from rnc_pin.model.evaluator import Evaluator, evaluator_for

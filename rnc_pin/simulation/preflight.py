@@ -13,11 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy import ndarray as Array
 
 from rnc_pin import control
 from rnc_pin.analysis import Grip, LiftOff, NormalForces, first_lift_off
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.controller import Command
 from rnc_pin.control.gain_design import AWAY_FROM_SINGULAR, gravity_loads
 from rnc_pin.errors import ConstraintError, DivergenceError, InputError, SimulationError, SingularityError, few

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import NamedTuple, Self
 
 import numpy as np
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float, Int
+from rnc_pin.array_shapes import Array, Float, Int
 from rnc_pin.control.controller import LimitedAcceleration, MissedGoal
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.io.json import Json

@@ -9,10 +9,9 @@ from typing import NamedTuple, Unpack
 
 import numpy as np
 import pinocchio as pin
-from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.controller import Command, Controller
 from rnc_pin.control.loop.loop_state import (
     LoopState,

@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import NamedTuple, TypedDict
 
 import numpy as np
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.controller import Controller, State
 from rnc_pin.control.loop.options import input_of, unpack_step
 from rnc_pin.errors import ConfigurationError, InputError, RncError, printable

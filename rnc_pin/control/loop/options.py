@@ -7,9 +7,8 @@ from math import isfinite
 from typing import Literal, TypedDict, TypeVar
 
 import numpy as np
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.controller import Command, Controller, State, VelocityTarget
 from rnc_pin.errors import ConfigurationError, DivergenceError, InputError, nearest
 from rnc_pin.model.input_validation import NotNegative, Positive, is_number, numbers_of

@@ -7,9 +7,8 @@ from typing import Literal, NamedTuple, Unpack
 
 import numpy as np
 import pinocchio as pin
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.actuator_velocity import ActuatorVelocityController, driven_joints, velocity_from_actuators
 from rnc_pin.control.controller import Controller, KinematicController
 from rnc_pin.control.loop.control_loop import ControlLoop

@@ -15,9 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 import scipy
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import DivergenceError, InputError
 from rnc_pin.lab.mujoco.body_tree import BodyTree, JointEquality, add_equalities, mujoco
 from rnc_pin.lab.mujoco.contact_bodies import ContactBody, choose_support, common_plane, contact_bodies, on_one_plane

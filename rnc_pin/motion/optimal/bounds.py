@@ -9,11 +9,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
-from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
 from rnc_pin.analysis.derivatives import state_derivatives
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.collision import CollisionDistances, PairDistances
 from rnc_pin.constraints.wheeled_base import SIDE_SLIP, missing_lateral_rows
 from rnc_pin.errors import ConfigurationError, InputError, nearest

@@ -6,10 +6,9 @@ from collections.abc import Callable, Iterator, Mapping
 from itertools import chain, combinations, islice, pairwise
 
 import numpy as np
-from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.collision import CollisionDistances, Obstacle
 from rnc_pin.collision.shapes import bounding_box
 from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, RncError

@@ -8,10 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
-from numpy import ndarray as Array
 
 from rnc_pin import _kernel
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import SimulationError
 from rnc_pin.model.cached_property import cached_property
 

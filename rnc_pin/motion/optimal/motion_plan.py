@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.io.json import atomic_file
 from rnc_pin.io.safe_npz import ArchiveError, read_npz

@@ -11,10 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.controller import Command, Description, listed
 from rnc_pin.errors import ConfigurationError, ConstraintError
 from rnc_pin.model.evaluation_results import Measurement

@@ -9,9 +9,8 @@ from itertools import chain
 from typing import NamedTuple, TypeGuard
 
 import numpy as np
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import InfeasibleError, RncError
 from rnc_pin.model.coordinates import Coordinates, rotation_vector_rates
 from rnc_pin.motion.optimal.bounds import DISTANCE

@@ -9,9 +9,8 @@ from dataclasses import KW_ONLY, asdict, dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.controller import (
     Command,
     DescribedMixin,

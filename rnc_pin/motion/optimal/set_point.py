@@ -21,12 +21,11 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
 from rnc_pin.analysis.growth import filtration
 from rnc_pin.analysis.privileged_coordinates import PrivilegedCoordinates, privileged_coordinates
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.controller import MissedGoal
 from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, InputError, RncError
 from rnc_pin.model.kinematics import Kinematics

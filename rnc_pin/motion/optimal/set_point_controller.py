@@ -8,9 +8,8 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.controller import Command, DescribedMixin, MissedGoal, VelocityTarget
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.model.evaluation_results import Measurement

@@ -11,9 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.motion.optimal.bounds import DISTANCE, GoalRows, NodeBound
 from rnc_pin.motion.optimal.costs import BoundCost
 from rnc_pin.motion.optimal.interior_point import LinearQuadratic, RiccatiFactors

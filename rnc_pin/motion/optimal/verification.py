@@ -6,9 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.collision import continuous_distances
 from rnc_pin.errors import DivergenceError, RncError
 from rnc_pin.motion.optimal.bounds import DistanceRows

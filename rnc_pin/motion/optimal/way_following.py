@@ -6,9 +6,8 @@ from dataclasses import KW_ONLY, dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.controller import DescribedMixin, MissedGoal, VelocityTarget, elapsed_time
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.evaluation_results import Measurement

@@ -23,10 +23,9 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy import ndarray as Array
 
 from rnc_pin.analysis.derivatives import StateDerivatives, state_derivatives
-from rnc_pin.array_shapes import Bool, Float, Int
+from rnc_pin.array_shapes import Array, Bool, Float, Int
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.model.coordinates import ConfigurationManifold
 from rnc_pin.model.reduced_model import ReducedModel

@@ -11,11 +11,10 @@ from typing import Annotated
 import numpy as np
 import scipy
 from annotated_types import Gt, Lt
-from numpy import ndarray as Array
 from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import ConfigurationError, InfeasibleError
 from rnc_pin.model.coordinates import wrapped
 from rnc_pin.model.input_validation import Positive

@@ -25,9 +25,8 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 import scipy
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Bool, Float
+from rnc_pin.array_shapes import Array, Bool, Float
 from rnc_pin.constraints.wheeled_base import BaseMotion, WheeledBase
 from rnc_pin.errors import ConfigurationError, InfeasibleError, SingularityError
 from rnc_pin.model.coordinates import ConfigurationManifold, wrapped

@@ -8,9 +8,8 @@ from typing import NamedTuple, NoReturn
 import numpy as np
 import pinocchio as pin
 import scipy
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Bool, Float
+from rnc_pin.array_shapes import Array, Bool, Float
 from rnc_pin.constraints.ground_plane import RollingRows
 from rnc_pin.constraints.wheeled_base import WheeledBase
 from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, SingularityError

@@ -7,10 +7,9 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
-from rnc_pin.array_shapes import Bool, Float, Int
+from rnc_pin.array_shapes import Array, Bool, Float, Int
 from rnc_pin.model.coordinates import ConfigurationManifold
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.motion.planning.action_models import KinematicFlow

@@ -9,10 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
-from rnc_pin.array_shapes import Bool, Float
+from rnc_pin.array_shapes import Array, Bool, Float
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection, continuous_distances
 from rnc_pin.collision.continuous_distances import default_tolerance, too_near
 from rnc_pin.errors import InfeasibleError, InputError

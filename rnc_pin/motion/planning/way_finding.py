@@ -8,10 +8,9 @@ from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge
-from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.collision import Obstacle, PairSelection
 from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError, check_extra, short_text
 from rnc_pin.model.input_validation import NotNegative, Positive, check_instances, is_count

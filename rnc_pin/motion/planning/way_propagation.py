@@ -12,10 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 import scipy
-from numpy import ndarray as Array
 
 from rnc_pin.analysis.growth import filtration, grow
-from rnc_pin.array_shapes import Bool, Float, Int
+from rnc_pin.array_shapes import Array, Bool, Float, Int
 from rnc_pin.motion.planning.action_models import KinematicFlow, Shots
 from rnc_pin.motion.planning.exact_steering import ExactMotion, base_axes
 from rnc_pin.motion.planning.way_checking import WayChecker

@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
-from rnc_pin.array_shapes import Bool, Float
+from rnc_pin.array_shapes import Array, Bool, Float
 from rnc_pin.collision import Obstacle
 from rnc_pin.collision.shapes import bounding_box
 from rnc_pin.errors import ConfigurationError, InputError

@@ -14,9 +14,8 @@ from typing import NamedTuple
 import daqp
 import numpy as np
 import pinocchio as pin
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import DivergenceError, SingularityError
 from rnc_pin.math.linear_algebra import inverse
 from rnc_pin.model.reduced_model import ReducedModel

@@ -7,9 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.controller import Command, Description, State, elapsed_time, listed, nested
 from rnc_pin.math.linear_algebra import as_slice, clipped, inverse
 from rnc_pin.model.evaluation_results import Measurement

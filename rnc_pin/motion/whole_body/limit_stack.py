@@ -7,10 +7,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy import ndarray as Array
 
 from rnc_pin.analysis.contact_forces import ContactForceSet
-from rnc_pin.array_shapes import Float, Int
+from rnc_pin.array_shapes import Array, Float, Int
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.math.convex_programs import ROUNDING, nearest_point
 from rnc_pin.model.cached_property import cached_property

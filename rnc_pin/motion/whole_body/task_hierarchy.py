@@ -14,10 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy import ndarray as Array
 
 from rnc_pin import _kernel
-from rnc_pin.array_shapes import Float, Int
+from rnc_pin.array_shapes import Array, Float, Int
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.math.convex_programs import nearest_point
 from rnc_pin.math.linear_algebra import as_slice, inverse

@@ -9,9 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.controller import check_size
 from rnc_pin.control.twist_controller import TwistController
 from rnc_pin.errors import ConfigurationError, RncError

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.controller import Description, VelocityTarget, elapsed_time
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.evaluation_results import Measurement

@@ -7,9 +7,8 @@ from dataclasses import fields, is_dataclass
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.controller import Description, LimitedAcceleration, MissedGoal, State, nested
 from rnc_pin.errors import InputError
 from rnc_pin.io.json import Json

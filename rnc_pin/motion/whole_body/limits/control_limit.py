@@ -8,9 +8,8 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float, Int
+from rnc_pin.array_shapes import Array, Float, Int
 from rnc_pin.model.input_validation import Positive, check_settings
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation

@@ -8,9 +8,8 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Ge, Lt
-from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.controller import LimitedAcceleration
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.input_validation import Numbers, Positive
