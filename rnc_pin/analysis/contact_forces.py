@@ -54,6 +54,7 @@ class ContactForceSet:
         self.gripping = np.array([bool(each.along) for each in self.contacts], dtype=bool)
         self.size = 1 + max((len(each.along) for each in self.contacts), default=0)
         self._rows = reduced.all_constraints.size
+        # Loads without a row follow from the balance of the whole robot on the plane: they are unknowns of their own.
         self._by_motion = ~self.normal.carried_by_row
         places = {each.point: number for number, each in enumerate(self.normal.contacts)}
         self._places = [places.get(each.point) for each in self.contacts]
@@ -112,6 +113,7 @@ class ContactForceSet:
         # Moving ground is not among the outputs that the kernel measures.
         rows = state.all_rows if self._reduced.affine else state.configuration.in_reduction(self._measuring).J1
         effects, kept = self._effects(rows.reshape(-1, *rows.shape[-2:]), lines)
+        # What constraints have to give for this motion is unique, even if the forces of single contacts are not.
         needed, v_dot = state.forced_motion(T)
         if lines is None or kept is None:
             return effects, needed
@@ -143,6 +145,7 @@ class ContactForceSet:
             rows: all constraint rows there.
         """
         _, values, right = np.linalg.svd(self._effects(rows, self._lines(q))[0], full_matrices=False)
+        # Scaled to zero in place of left out, so that all samples stay in one array.
         return self._directions(right * self._counted(values)[:, :, None])
 
     def _counted(self, values: Array) -> Array:
@@ -336,6 +339,7 @@ class Grip(SummaryMixin):
         state = self._reduced.at(q)
         rows = state.all_rows.reshape(-1, *state.all_rows.shape[-2:])
         free = self._set.free(state.q.reshape(-1, state.q.shape[-1]), rows)
+        # A contact takes part in a choice if some free direction changes one of its components.
         chosen = np.abs(free).max(axis=(2, 3), initial=0.0)[:, self._set.gripping] > 0
         return chosen.reshape(*state.q.shape[:-1], len(self.names))
 
@@ -344,6 +348,7 @@ class Grip(SummaryMixin):
         sizes = [np.linalg.norm(contact_forces[..., list(each.along)], axis=-1) for each in self._contacts]
         even, allowed = np.stack(sizes, axis=-1), self.friction * self._loads(normal_forces)
         small = 1e-9  # [N]: a force without a load that is rounding slips on no ground
+        # A contact that needs a force and carries nothing uses infinite friction; one that needs none uses zero.
         shares = np.divide(even, allowed, out=np.where(even > small, np.inf, 0.0), where=allowed > 0)
         batch = shares.shape[:-1]
         arrays = (q, rows, contact_forces, normal_forces, shares)

@@ -149,6 +149,7 @@ def _at_one_state(reduced: ReducedModel, state: StateEvaluation, T: Array) -> St
 
     # A change of q also changes the velocity, by v_q, so that the rows keep their values.
     v_q = -E_inverse @ found.Ev_q
+    # Projected by R^T, the change of the balance gives the change of v2dot, without that of the multipliers.
     H_inverse_Rt = np.linalg.solve(R.T @ M @ R, R.T)
     a_v = M @ E_inverse @ found.Ew_v - found.forces_v
     a_q = force_q + M @ E_inverse @ found.Ew_q + a_v @ v_q
@@ -163,6 +164,7 @@ def _smooth_at(reduced: ReducedModel, state: StateEvaluation) -> tuple[ReducedMo
         reduced = reduced.frozen(float(np.asarray(state.t)))
         state = reduced.at(state.q, state.v2)
     if state.configuration.factorization.kept is not None:  # E has other rows at q than by default
+        # Selected rows are those of the state: nearby states with other rows would not be differentiable.
         reduced = reduced.with_basis_at(state.q)
         state = reduced.at(state.q, state.v2)
     return reduced, state
@@ -206,12 +208,14 @@ def _partials(reduced: ReducedModel, state: StateEvaluation, w: Array, T: Array)
     model = reduced.robot.model
     data = model.createData()
     tau_q, tau_v, _ = (np.array(each).reshape(n, n) for each in pin.computeRNEADerivatives(model, data, q, v, w))
+    # H* w + C* v + g* at a fixed acceleration w, whose change by q follows from the rows.
     forces = np.array(pin.rnea(model, data, q, v, w))
     if reduced.reduction_data.forces:
         found = reduced.reduction_data.forces.gradient(state.motion, along)
         forces, tau_q, tau_v = forces - state.passive_force, tau_q - found.q, tau_v - found.v
         error += found.error
     Ew_q = np.einsum("jab,b->aj", E_q, w) + drift_q
+    # An error in a column of B acts with the input of that column.
     error += B_error * float(np.abs(T).sum())
     input_q = np.einsum("jab,b->aj", B_q, T)
     return _Partials(E_q, Ev_q, Ew_q, E_dot + Ev_q, forces, tau_q, tau_v, input_q, error)
@@ -219,6 +223,7 @@ def _partials(reduced: ReducedModel, state: StateEvaluation, w: Array, T: Array)
 
 def _by_differences(reduced: ReducedModel, state: StateEvaluation, T: Array) -> StateDerivatives:
     model, q, v2 = reduced.robot.model, state.q, state.v2
+    # Where axes of joints move in their bodies, Pinocchio's derivatives are wrong: only differences remain.
     at = state.configuration
 
     v_q, v_error = gradient_with_error(model, lambda p: np.array(reduced.at(p, v2).v), q)

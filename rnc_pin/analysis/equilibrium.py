@@ -260,6 +260,7 @@ class _Search:
         here = found
         for _ in range(_STEPS):
             newton, null_space = self._newton(here)
+            # Along neutral directions back towards the guess, while Newton's part keeps the point on the branch.
             step = self._limited(newton - null_space @ (null_space.T @ self._away(here)))
             if np.abs(step).max() <= _STILL:
                 break
@@ -299,6 +300,7 @@ class _Search:
         scale = 1.0 / np.sqrt(np.diag(state.H))
         influence = scale[:, None] * state.input_matrix
         needed = scale * state.inverse_dynamics(np.zeros(reduced.r))
+        # The inputs of least norm are no unknowns of the search: they balance what they reach, at every iterate.
         T = np.linalg.pinv(influence, rcond=_UNACTUATED) @ needed
         gap = assembly.residual(q)[assembly.leading]
         rates = np.zeros(0)
@@ -309,6 +311,8 @@ class _Search:
     def _settled(self, q: Array) -> ReducedModel:
         """Model with the rows selected at q; its reducing outputs may change only in a search at rest."""
         reduced = self._reduced.with_basis_at(q)
+        # Rates of a steady motion are given by the names of the outputs: with other outputs they would be other
+        # numbers.
         same = self._symmetries is None or reduced.reducing.names == self._reduced.reducing.names
         return reduced if same else self._reduced
 
@@ -487,6 +491,7 @@ def _changes(reduced: ReducedModel, q: np.ndarray, generator: np.random.Generato
     for joint in range(1, model.njoints):
         along_q, along_v = pin.getJointVelocityDerivatives(model, data, joint, pin.LOCAL)
         # A single column arrives as a vector.
+        # In its own axes a symmetry of the whole robot changes no velocity of a body.
         bodies.append(along_q.reshape(6, -1) + along_v.reshape(6, -1) @ derivatives.v_q)
     closing = assembly.jacobian(Kinematics(reduced.robot).position(q))[assembly.leading]
     bracket, v = frame_bracket(model), derivatives.v
@@ -518,6 +523,7 @@ def _whole_motions(model: pin.Model, data: pin.Data, q: np.ndarray) -> tuple[np.
     pin.computeJointJacobians(model, data, q)
     joints = range(1, model.njoints)
     J = np.vstack([pin.getJointJacobian(model, data, joint, pin.WORLD).reshape(6, -1) for joint in joints])
+    # One velocity for all bodies to have the same twist; the misfit tells that a fixed base has none.
     inverse, twists = np.linalg.pinv(J), np.tile(np.eye(6), (len(joints), 1))
     X = inverse @ twists
     return X, inverse, J @ X - twists
@@ -526,6 +532,7 @@ def _whole_motions(model: pin.Model, data: pin.Data, q: np.ndarray) -> tuple[np.
 def _scaled(changes: np.ndarray) -> np.ndarray:
     largest = np.abs(changes).max(initial=0.0)
     no_change = 1e-12  # absolute zero limit for the changes along all directions
+    # Each kind of change has its own unit: scaled, the limit of the null space is the same for all.
     return changes / largest if largest > no_change else np.zeros_like(changes)
 
 

@@ -295,11 +295,13 @@ class _Exploring:
 
     def _motions_at(self, q: Array) -> tuple[Array, tuple[Array, ...]]:
         """Mask of the configurations where the primary outputs are independent; A_star, J, P, R N and D at these."""
+        # All samples in one call, with all outputs as vertical ones: each set of outputs is a choice of rows then.
         here, count = self._reduced.at(q).in_reduction(self._evaluator), len(self._first)
         _, values, right = np.linalg.svd(here.A_star[:, self._first])
         # Where the primary outputs depend on each other, motions beside them are not defined.
         good = (values[:, -1] > _RANK * values[:, 0]) & (count <= self._reduced.r)
         A, J = here.A_star[good], here.J1[good]
+        # Orthonormal in lengths, so that singular values say how far an output moves for a unit of joint motion.
         ways = np.linalg.qr(self._lengths * (here.R[good] @ right[good, count:].mT))[0] / self._lengths  # (S, nv, r2)
         return good, (A, J, A[:, self._first], ways, self._scale * (J @ ways))
 
@@ -363,6 +365,7 @@ class _Exploring:
 
     def _steered(self, rows: Sequence[int]) -> Array:
         """Mask of the outputs whose rates the values of the redundant coordinates steer; none if not all at will."""
+        # Steering needs a primary motion: a random one shows whatever some motion shows.
         v21 = np.random.default_rng(self._seed).uniform(0.5, 1.5, len(self._first))
         slopes = np.einsum("skji,i->skj", self._slopes(rows, self._ways), v21)
         steered = largest_entries(slopes) > _RANK * max(1.0, float(np.abs(self._A).max()))
@@ -378,6 +381,7 @@ class _Exploring:
         rows, unit = np.array(each.rows), np.eye(self._J.shape[-1])[self._redundant]
         fixed = self._J[:, [*self._first, *rows]]
         all_rows = np.concatenate([fixed, np.broadcast_to(unit, (len(fixed), *unit.shape))], axis=1)
+        # Motions of one redundant coordinate alone: the rest of the outputs must not notice its value.
         ways = motions_alone(all_rows, np.arange(fixed.shape[1], all_rows.shape[1]), self._ways)
         slopes = self._slopes(rows[~each.moved].tolist(), ways)
         return bool(np.abs(slopes).max() < _RANK * max(1.0, float(np.abs(self._A).max())))
@@ -404,6 +408,7 @@ class _Exploring:
         found: list[tuple[Array, Array]] = []
         most_closures, deepest = 3, 4  # configurations at which brackets are evaluated, and the order of these
         with suppress(RncError):
+            # Primary outputs at rest as further constraints: brackets of what is left are manoeuvres beside them.
             resting = NonholonomicSystem(self._robot, [*known, held]).reduce()
             for q, J in zip(self._q, self._J, strict=True):
                 with suppress(SingularityError):
@@ -427,6 +432,7 @@ class _Exploring:
             chosen = [allowed[k] for k in pivot_columns(way[allowed].T, self.motions)[0]]
             smallest = float(np.median(np.linalg.svd(scaled[:, chosen], compute_uv=False)[:, -1]))
             best = max(best, (smallest, sorted(chosen)))
+        # Without its own coordinates nothing parametrises the motion: they are named after all.
         if without and best[0] < _RANK:
             return self._coordinates()
         return best[1], tuple(self._coordinate_names[k] for k in best[1])
@@ -539,6 +545,7 @@ class _Exploring:
         """Directions (S, r2, r2) of the motions whose reduced inertial force inputs can give; zero for the others."""
         here = self._here
         force = here.H @ (here.J2 @ self._ways)
+        # From rest, an acceleration along a motion needs this force; what inputs cannot give of it is missing.
         missing = force - here.input_matrix @ (np.linalg.pinv(here.input_matrix) @ force)
         _, values, right = np.linalg.svd(missing)
         return np.asarray(right.mT * (values < _RANK * np.abs(force).max())[:, None])

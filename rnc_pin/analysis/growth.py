@@ -165,6 +165,7 @@ def _generic_dimension(reduced: ReducedModel, q: np.ndarray) -> int:
     """Largest dimension that all brackets reach at configurations near q and at random ones."""
     generator, R = np.random.default_rng(0), reduced.at(q).R
     nearby, away = 3, 0.3  # configurations near q, and their distance from it [rad or m]
+    # Admissible steps: they stay on the leaf of the distribution through q.
     steps = [R @ generator.normal(size=reduced.r) for _ in range(nearby)]
     near = (pin.integrate(reduced.robot.model, q, away * step / np.linalg.norm(step)) for step in steps)
     chosen = [*map(reduced.assembled, near)]
@@ -328,8 +329,10 @@ def _levels(drawn: Sequence[Jets], start: np.ndarray, rejected: float, fading: f
         rests = [_rest(basis, each[level] / size) for basis, each in zip(bases, (fine, coarse), strict=True)]
         left, values, _ = np.linalg.svd(rests[0], full_matrices=False)
         other_left = np.linalg.svd(rests[1], full_matrices=False)[0]
+        # Two fits of different degree: their difference bounds the error of the coefficients.
         wrong = float(np.linalg.norm(rests[0] - rests[1], 2))
         error = max(error, wrong)
+        # No more directions than the space leaves: further singular values are rounding.
         room = start.shape[0] - bases[0].shape[1]
         values = values[:room]
         # A value that an earlier level rejected is an error of this size, or a direction in doubt: it bounds both.

@@ -156,6 +156,7 @@ class BracketJets:
             # robots.
             direction *= np.sqrt(self.reduced.r) / (PIECES * np.linalg.norm(direction))
             q, step = self._flow(q, times, direction, order)
+            # The inverse derivative of the flow so far carries fields at its end back to q.
             back = back @ np.linalg.inv(step)
             fields, gradient = self._fields(q)
             found.append(back @ self._of_pairs(fields, gradient))
@@ -194,6 +195,7 @@ class BracketJets:
         fields, gradient = self._fields(points)
         v = np.einsum("pnr,pr->pn", fields, along).reshape(k * c, 1, n)
         carried = np.moveaxis(self._bracket(np.broadcast_to(v, (k * c, n, n)), np.eye(n) + 0 * v), 1, 2)
+        # In moving frames the derivative of a field has the bracket of the joints' groups as well.
         rates = (np.einsum("pnrd,r->pnd", gradient, direction) - carried).reshape(k, c, n, n)
         # Collocation of the linear equation for the derivative of the flow.
         system = np.eye(c * n) - np.einsum("ij,p,pikl->pikjl", weights, times, rates).reshape(k, c * n, c * n)
@@ -219,6 +221,7 @@ class BracketJets:
     def _normal_generators(self, points: np.ndarray) -> np.ndarray:
         """Generators (k, nv, r) whose components along those at q are constant: they need no good outputs."""
         fields = self._generators(points)
+        # Outputs may turn singular along a flow, and the distribution does not: components along q's generators remain.
         return fields @ np.linalg.inv(self.generators.T @ fields)
 
     def _fields(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
