@@ -91,6 +91,7 @@ class DrawnModel:
         """Copy with its own reduced model: a model serves one thread at a time."""
         if self.reduced is None:
             return self
+        # Evaluations write into Pinocchio's data: the drawing thread must not use that of the loop.
         reduced = copy.deepcopy(self.reduced)
         return replace(self, robot=reduced.robot, reduced=reduced)
 
@@ -222,6 +223,7 @@ def live_state(reduced: ReducedModel, sample: Sample) -> DrawnState:
     state = reduced.at(q, v2, t=sample.time)
     if measurement.x2 is None:
         measurement = state.measure()  # without integrals: the values of quasi-velocity outputs are NaN
+    # Servos tell no forces: multipliers are unknown then, and no arrows are drawn.
     known = np.isfinite(sample.T).all()
 
     def goal(value: ArrayLike | None, size: int) -> np.ndarray:

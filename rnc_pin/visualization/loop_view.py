@@ -204,6 +204,7 @@ class LiveView:
         if self._over.is_set():
             return
         if self._last is not None:
+            # The last sample may have been between two frames: a page that stays open shows the end.
             self._due.append(self._last)
         self._over.set()
         self._wake.set()
@@ -391,6 +392,7 @@ class LoopView(SummaryMixin, LiveView, Generic[Made]):
                 elif time.monotonic() - seen > _ABSENCE:
                     self._paused = False
             self._steps = max(0, self._steps - 1)
+        # The loop's own time stands still while it waits.
         self._begin += time.monotonic() - begin
         self.restart()
 

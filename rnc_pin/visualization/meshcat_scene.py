@@ -16,7 +16,6 @@ _SAME_VALUE = 1e-7  # change of a number that a page does not show
 FIELD_OF_VIEW = 50.0  # vertical [deg]
 VIEW_DIRECTION = (-0.35, 1.0, -0.8)  # viewing direction of a camera that is placed automatically
 ASPECT = 1.6  # width over height of the picture
-# Largest distance of the robot from the target, over the distance between camera and target.
 
 
 def with_plan(points: np.ndarray, plan: PlannedPath | None, height: float) -> np.ndarray:
@@ -139,6 +138,7 @@ class Keyframes:
             path: path of the node.
             frame: number of the frame.
         """
+        # Two keys at least: Three.js interpolates between keys, and shows a track of one key as constant.
         keys = [{"time": 0, "value": frame == 0}, {"time": max(frame, 1), "value": True}]
         track = umsgpack.packb({"name": ".visible", "type": "boolean", "keys": keys})
         self._tracks.setdefault(path, []).append(track)
@@ -151,6 +151,7 @@ class Keyframes:
         """
         for path, matrices in self._matrices.items():
             self._tracks.setdefault(path, []).extend(self._motion(self._frames[path], np.stack(matrices), single))
+        # Single precision halves a file, and its error is far below a pixel.
         rate = umsgpack.packb(self.rate, force_float_precision="single" if single else "double")
         clips = (
             _map(path=_text(path), clip=_map(fps=rate, name=_text("default"), tracks=_array(tracks)))
@@ -171,6 +172,7 @@ class Keyframes:
             _track(".position", "vector3", frames, matrices[:, :3, 3], single),
             _track(".quaternion", "quaternion", frames, turn, single),
         ]
+        # Most nodes have no scale: a track of ones would be a third of the file.
         if np.abs(scale - 1.0).max() > _SAME_VALUE:
             tracks.append(_track(".scale", "vector3", frames, scale, single))
         return tracks
@@ -244,6 +246,7 @@ class MeshcatScene:
         """
         path = f"/meshcat/{name}"
         if self.keyframes is None or self.frame == 0:
+            # A page shows the first frame until it plays; every later one is a keyframe.
             self.window.place(path, matrix)
         if self.keyframes is not None:
             self.keyframes.place(path, self.frame, matrix)
@@ -345,6 +348,7 @@ class MeshcatScene:
         if line in patterns:
             period, drawn = patterns[line]
             along = along[np.mod(along, period * width) < drawn * width]
+        # Even along the path, whatever its points are: dots of a fast motion would lie apart.
         vertices = np.stack([np.interp(along, length, column) for column in points.T]).astype(np.float32)
         shade = np.array([color >> 16 & 255, color >> 8 & 255, color & 255], dtype=np.float32) / 255
         colors = np.tile(shade[:, None], (1, len(along)))

@@ -155,8 +155,10 @@ def _distances(replay: LimitReplay) -> tuple[Series, ...]:
             continue  # another shape of the same two bodies, which is farther
         if len(found) == MAX_LINES:
             break
+        # A body may have several shapes: the nearest of each pair of bodies is drawn.
         same = [j for j, other in enumerate(replay.clearances) if other.names == each.names and j >= k]
         values = replay.distances[:, same].min(axis=1)
+        # Beyond, distances are only lower bounds: the line is left out.
         values = np.where(values < replay.within, values, np.nan)
         found[name] = Series(name, values, active=values < active_distance)
     return tuple(found.values())

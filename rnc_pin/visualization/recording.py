@@ -58,6 +58,7 @@ class Recording(SummaryMixin):
                 raise InputError(f"'{label}': q has {each.q.shape[1]} entries, but nq of the robot is {robot.nq}")
             if len(each.time) < 2:
                 raise InputError(f"'{label}': too few samples to play: {len(each.time)}, expected at least 2")
+        # At the rate of the page and not of the run: a page holds 25 states for each second.
         states = list(recorded_states(robot, trajectory, RATE, list(others.values())))
         shown = ShownRun(drawn_model, trajectory.info, trajectory.info.goals, trajectory, others)
         self.duration = float(trajectory.time[-1])

@@ -76,6 +76,7 @@ class RunScene:
         run = shown.trajectory
         # The camera needs the extent of the motion only: a dozen configurations show it.
         moments = first.q[None] if run is None else run.q[:: max(1, len(run.q) // 12)]
+        # All widths and arrows scale with the robot, within what a camera shows.
         self.size = float(np.clip(np.linalg.norm(np.ptp(self.kinematics.corners(first.q), axis=0)) / 2, 0.05, 20.0))
         self._largest_force = 1e-9  # the largest so far scales the arrows of a live view
         self.ground = shown.drawn_model.ground_height(view)
@@ -138,6 +139,7 @@ class RunScene:
         self.scene.set_camera(camera, target)
         if self.ground is not None:
             self.scene.grid(self.ground, target, max(10.0, 2.5 * radius))
+        # A live run has no known end, so that the camera has to be ready to follow.
         if far or view.camera is not None or self.shown.trajectory is None:
             close = view.camera is None and self._path is None
             self._follower = meshcat_scene.Follower(camera, target, self.kinematics.center_of_mass(first.q), close)
@@ -271,6 +273,7 @@ class RunScene:
         run, entry = self.shown.trajectory, e.LayerEntry("constraint force", "constraint forces", e.ORANGE, "arrow")
         if run is not None:
             values = np.abs(np.nan_to_num(run.multipliers[:, list(columns.values())]))
+            # A finished run is known whole: one scale for all of its arrows.
             self._largest_force = float(values.max(initial=self._largest_force))
 
         def vectors(state: DrawnState) -> tuple[np.ndarray, np.ndarray]:

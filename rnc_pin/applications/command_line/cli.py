@@ -285,6 +285,7 @@ def main() -> None:
         sys.exit(USAGE)
     try:
         with endings_as_ctrl_c(), told_warnings():
+            # Not standalone: Click would print errors in its own form, and end the process itself.
             status = cli.main(standalone_mode=False, obj=started)
             sys.stdout.flush()
     except click.exceptions.Abort:

@@ -206,6 +206,7 @@ def keep_run(scenario: Scenario, result: Result, target: OutputFolder, as_json: 
             print_summary(result.summary, result.trajectory.info.outputs)
         names = picture_names(scenario)
         text = f"{scenario.name}: drawing {len(names)} pictures"
+        # Pictures come last: results are in place even if drawing is interrupted.
         with target.writing() as fresh, ProgressBar(Console(stderr=True), len(names), text, as_json) as bar:
             drawn = draw_pictures(scenario, result, fresh, bar)
         target.keep()

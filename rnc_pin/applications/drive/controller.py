@@ -54,8 +54,10 @@ class GoalBoard:
             speed: largest speed.
             row: rate of the distance over the reduced velocities (r,).
         """
+        # Reduced accelerations of the least motion that decelerates the row by one.
         needed = np.abs(row) / max(float(row @ row), 1e-300)
         braking = float((self.accelerations / np.maximum(needed, 1e-12)).min(initial=np.inf))
+        # The square root is the speed from which the limits can still stop at the goal.
         return min(gain * abs(error), speed, float(np.sqrt(braking * abs(error))))
 
     def gain(self, name: str) -> float:
@@ -333,6 +335,7 @@ class DriveController:
         base = self.controls.base
         if base is None or self._base_frame is None:
             return goals
+        # The base turns this joint while it drives: its posture would pull it back afterwards.
         if base.steering is not None and (goals.velocity_at(t) is not None or goals.base_goal is not None):
             goals = goals._replace(posture={**goals.posture, base.steering: posture[base.steering]})
         if goals.base_goal is not None:

@@ -57,6 +57,7 @@ class CommandQueue:
             if target not in self._waiting and len(self._waiting) >= _WAITING:
                 self.refused = "too many commands in one sample"
                 return False
+            # Removed first, so that the later command also comes later in the order.
             self._waiting.pop(target, None)
             self._waiting[target] = command
         self.refused = ""

@@ -190,6 +190,7 @@ def build_experiment(
     for frame in scenario.view.trail:
         reduced.robot.frame_id(frame)
     at_start = start_findings(scenario, reduced, q0)
+    # Before the controller: its roll-out may fail for the reason that these tell.
     doubted = warnings_of(at_start)
     run = partial(Experiment, scenario, reduced, q0=q0, v2_0=v2_0, simulation=simulation, obstacles=obstacles)
     if scenario.controller is None:
@@ -441,6 +442,7 @@ def _check_servos(scenario: ScenarioFile, servo_time: float | None) -> None:
 
 def _true_model(scenario: ScenarioFile, robot: Robot, stuck: StuckJoint | None = None) -> ReducedModel:
     """Build the true model: the system with other masses, further forces, and a joint that is stuck."""
+    # The controller keeps the nominal masses: only the plant's own robot is changed.
     robot, faults = deepcopy(robot), scenario.faults
     assert faults is not None
     if faults.masses:

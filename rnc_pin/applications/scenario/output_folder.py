@@ -79,6 +79,7 @@ class Manifest:
             return (
                 name in self.digests
                 and not self.folder.is_symlink()
+                # A file on another device is a mount: a run never put it there.
                 and path.lstat().st_dev == self.folder.stat().st_dev
                 and digest(path) in self.digests[name]
             )
@@ -230,6 +231,7 @@ class OutputFolder:
         with self.writing() as fresh:
             staged = {path.name: path for path in sorted(fresh.iterdir())}
             new = {name: [digest(path)] for name, path in staged.items() if is_result(name)}
+            # Read again: another program may have changed files during the run.
             earlier = Manifest.read(self.path) or Manifest(self.path)
             foreign = [name for name in new if not self._may_write(name, earlier)]
             if foreign:

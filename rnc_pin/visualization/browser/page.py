@@ -77,6 +77,7 @@ class RequestFilter:
         """
         if not host or not self._own.fullmatch(host.lower()):
             return False
+        # Pages of other sites may send requests here, but with their own origin: these are refused.
         return origin is None or origin.lower() in (f"http://{host.lower()}", f"https://{host.lower()}")
 
 

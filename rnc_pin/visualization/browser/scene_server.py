@@ -44,7 +44,7 @@ Receiver: TypeAlias = Callable[[object], object]
 
 
 class ControlPanel(NamedTuple):
-    """ControlPanel of controls on a page."""
+    """Panel of controls on a page."""
 
     script: str
     """Name of its script, without ``.js``."""
@@ -92,6 +92,7 @@ class CommandSocket(FilteredHandler, tornado.websocket.WebSocketHandler):
 
     def on_message(self, message: str | bytes) -> None:
         now = time.monotonic()
+        # A token bucket: a broken page cannot keep the loop busy with messages.
         self._allowance = min(_BURST, self._allowance + _RATE * (now - self._last)) - 1.0
         self._last = now
         if self._allowance < 0.0:
@@ -110,6 +111,7 @@ class CommandSocket(FilteredHandler, tornado.websocket.WebSocketHandler):
 
     def on_close(self) -> None:
         if self._admitted and self._farewell is not None:
+            # A page that is gone sends nothing: its last command, such as a velocity, must not go on.
             self._receive(self._farewell)
 
 
@@ -167,6 +169,7 @@ class SceneServer:
         Args:
             commands: packed commands.
         """
+        # The loop of the server owns all state: other threads only hand over.
         self._loop.call_soon_threadsafe(self._send, commands)
 
     def close(self) -> None:
@@ -244,6 +247,7 @@ class _Browser(FilteredHandler, tornado.websocket.WebSocketHandler):
     async def _send(self) -> None:
         try:
             while self._waiting:
+                # While a batch is sent, newer commands replace those that wait: a slow browser skips frames.
                 batch, self._waiting = self._waiting, {}
                 await self.write_message(bundle(in_order(batch)), binary=True)
         except (tornado.websocket.WebSocketClosedError, tornado.iostream.StreamClosedError):
@@ -347,6 +351,7 @@ class SceneWindow:
         if head is None:
             words = [umsgpack.packb(word) for word in ("type", "set_transform", "path", path, "matrix")]
             head = self._heads[path] = b"\x83" + b"".join(words) + b"\xdc\x00\x10"
+        # A record array packs sixteen numbers in one copy; umsgpack would take one call for each.
         numbers = np.empty(16, _PACKED_FLOAT)
         numbers["mark"], numbers["value"] = 0xCB, matrix.T.ravel()
         self.put((path.strip("/"), "set_transform"), head + numbers.tobytes())

@@ -48,6 +48,7 @@ def sweep_scenario(
             def progress(done: int, total: int | None) -> None:
                 nonlocal reached
                 if done and not reached:
+                    # A sweep that continues has runs already: the estimate of the time counts only its own.
                     bar.begin_at(done)
                 reached = done
                 advance(done, f"{scenario}: {done} of {runs} runs")

@@ -188,6 +188,7 @@ class _OncePerSample:
         return self._program.initial_state(measurement)
 
     def step(self, t: float, measurement: Measurement, state: ProgramState) -> tuple[VelocityTarget, ProgramState]:
+        # Stages of one sample share the state, so identity tells the sample.
         if self._last is None or self._last[0] is not state:
             self._last = state, self._program.step(t, measurement, state)
         return self._last[1]
