@@ -1122,27 +1122,6 @@ static int forward_at(Evaluator *ev, double *const *x)
 }
 FUSED(forward_dynamics, "qrTu?", ev->r, forward_at)
 
-/* q, v2, T, mu and its rates or None, record of v2_dot, v2 before a time (1), this time, rows (k, r), lower and upper
-   bounds (k). True if v2 is farther from the bounds than the change since then and its error to second order. */
-static PyObject *far_within(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
-{
-    Arrays all = {.count = 1}, bounds = {.count = -1};
-    double *x[7], *row, *lower, *upper;
-    int ok = expect(ev, given, 10) && take_all(ev, &all, args, "qrTu?r!rt", x)
-                     && take(&bounds, args[7], ev->r, READ, &row) && take(&bounds, args[8], 1, READ, &lower)
-                     && take(&bounds, args[9], 1, READ, &upper)
-                 ? ev->fused
-                 : -1;
-    if (ok > 0) ok = forward_at(ev, x);
-    for (Py_ssize_t i = 0; i < bounds.count && ok > 0; i++, row += ev->r) {
-        double before = dot(row, x[5], ev->r), reached = dot(row, x[1], ev->r), change = reached - before;
-        double away = fabs(change) + fabs(*x[6] * dot(row, x[4], ev->r) - change);
-        ok = reached + away <= upper[i] && reached - away >= lower[i];
-    }
-    close_arrays(&bounds);
-    return result(&all, ok);
-}
-
 /* q, v2, v2_dot, mu and its rates or None -> reduced forces R^T (M (R v2_dot - E^-1 gamma) + bias) */
 static int inverse_at(Evaluator *ev, double *const *x)
 {
@@ -1222,6 +1201,28 @@ static int derivative(Evaluator *ev, const double *q, const double *v2, const do
     if (known) memcpy(P, known, (size_t)kinematics_size(ev) * sizeof(double));
     else if (!take_position(ev, q, P)) return -1;
     return factorize(ev, q, P, NULL, P + kinematics_size(ev)) ? rates_here(ev, q, v2, T, further, damping, 0, out) : 0;
+}
+
+/* q, v2, T, kinematics at q or None, mu and its rates or None, record of the state derivative, v2 before a time (1),
+   this time, rows (k, r), lower and upper bounds (k). True if v2 is farther from the bounds than the change since then
+   and its error to second order. */
+static PyObject *far_within(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
+{
+    Arrays all = {.count = 1}, bounds = {.count = -1};
+    double *x[8], *row, *lower, *upper;
+    int ok = expect(ev, given, 11) && take_all(ev, &all, args, "qrTP?u?d!rt", x)
+                     && take(&bounds, args[8], ev->r, READ, &row) && take(&bounds, args[9], 1, READ, &lower)
+                     && take(&bounds, args[10], 1, READ, &upper)
+                 ? ev->fused && !ev->external_vertical && use_rates(ev, x[4])
+                 : -1;
+    if (ok > 0) ok = derivative(ev, x[0], x[1], x[2], NULL, NULL, x[3], x[5]);
+    for (Py_ssize_t i = 0; i < bounds.count && ok > 0; i++, row += ev->r) {
+        double before = dot(row, x[6], ev->r), reached = dot(row, x[1], ev->r), change = reached - before;
+        double away = fabs(change) + fabs(*x[7] * dot(row, x[5] + ev->n, ev->r) - change);
+        ok = reached + away <= upper[i] && reached - away >= lower[i];
+    }
+    close_arrays(&bounds);
+    return result(&all, ok);
 }
 
 /* ------------------------------------------------------------------ integration */

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import lru_cache
 from typing import TypeAlias, TypeVar
 
 import numpy as np
@@ -69,8 +70,8 @@ def inverse(matrix: np.ndarray) -> np.ndarray:
         matrix: (..., n, n).
     """
     if matrix.ndim == 2:
-        found, unit = np.empty(matrix.shape), np.eye(len(matrix))
-        if _kernel.library.solve(np.ascontiguousarray(matrix), unit, 0.0, found):
+        found = np.empty(matrix.shape)
+        if _kernel.library.solve(np.ascontiguousarray(matrix), _unit(len(matrix)), 0.0, found):
             return np.asfortranarray(found)
     try:
         found = np.linalg.inv(matrix)
@@ -80,6 +81,11 @@ def inverse(matrix: np.ndarray) -> np.ndarray:
             return np.full_like(matrix, np.inf)
         flat = matrix.reshape(-1, *matrix.shape[-2:])
         return np.stack([inverse(each) for each in flat]).reshape(matrix.shape)
+
+
+@lru_cache
+def _unit(n: int) -> np.ndarray:
+    return np.eye(n)
 
 
 def sorted_eigenvalues(matrix: np.ndarray) -> np.ndarray:

@@ -240,8 +240,10 @@ class Evaluator:
             dt: duration [s].
             bounds: rows (k, r) on the reduced velocities, their lower and upper bounds (k,).
         """
-        start, end, later = *sample, np.empty(len(v2))
-        return bool(self.calls.far_within(end.q, v2, T, self._rates(t), later, start.v2, np.array([dt]), *bounds))
+        (start, end), data = sample, self.data
+        later = np.empty(data.n + data.r + data.vertical.size + 1 + data.rheonomic)
+        known = end.q, v2, T, end.compiled_kinematics, self._rates(t), later, start.v2
+        return bool(self.calls.far_within(*known, np.array([dt]), *bounds))
 
     def inverse_dynamics(self, q: ArrayInput, v2: ArrayInput, v2_dot: ArrayInput, t: ArrayInput | None) -> Array:
         """Reduced forces (..., r) for accelerations v2_dot (..., r).

@@ -63,29 +63,31 @@ class _SampleProgram(NamedTuple):
     """Limits of a sample and the effect of its inputs T, in unknowns y beside the contact forces.
 
     v2 at the end is ``still + motion y``, and ``T = resting + inputs y``. The columns of ``motion`` are orthonormal by
-    ``MotionMetric``: the cost of an unknown is that of a motion.
+    ``MotionMetric``: the cost of an unknown is that of a motion. Without ``motion``, y is v2.
     """
 
     sample: ControlSample
     rows: LimitRows
     contacts: ContactBounds
-    of_v2: Float[Array, "r r"]
-    motion: Float[Array, "r p"]
+    basis: MotionBasis
+    motion: Float[Array, "r p"] | None
     still: Float[Array, " r"]
     inputs: Float[Array, "p p"]
     resting: Float[Array, " p"]
 
     def velocity(self, unknowns: Array) -> Array:
         """v2 (r,) at the end."""
-        return np.asarray(self.still + self.motion.dot(unknowns[: len(self.resting)]))
+        y = unknowns[: len(self.resting)]
+        return y if self.motion is None else np.asarray(self.still + self.motion.dot(y))
 
     def efforts(self, unknowns: Array) -> Array:
         """Inputs T (p,)."""
         return np.asarray(self.resting + self.inputs.dot(unknowns[: len(self.resting)]))
 
-    def on_unknowns(self, rows: Array) -> tuple[Array, Array]:
+    def on_unknowns(self, rows: Array) -> tuple[Array, Array | float]:
         """Rows (k, r) on v2 as rows (k, x) on all unknowns, and what ``still`` adds to them (k,)."""
-        return self.beside_contacts(rows.dot(self.motion)), rows.dot(self.still)
+        moved, still = (rows, 0.0) if self.motion is None else (rows.dot(self.motion), rows.dot(self.still))
+        return self.beside_contacts(moved), still
 
     def beside_contacts(self, rows: Array, contacts: float | Array = 0.0) -> Array:
         """Rows (k, x) on y and contact forces, from both parts."""
@@ -94,7 +96,7 @@ class _SampleProgram(NamedTuple):
         return np.hstack([rows, np.broadcast_to(contacts, (len(rows), self.contacts.unknowns))])
 
 
-def _unknowns(gain: Array, basis: MotionBasis) -> tuple[Array, Array]:
+def _unknowns(gain: Array, basis: MotionBasis) -> tuple[Array | None, Array]:
     """Velocities (r, p) and inputs (p, p) of unit unknowns: orthonormal columns, or zero for those that move nothing.
 
     Args:
@@ -105,7 +107,7 @@ def _unknowns(gain: Array, basis: MotionBasis) -> tuple[Array, Array]:
     if p == r:  # the unknowns can be the velocities themselves
         inverted = inverse(gain)
         if np.vdot(inverted, inverted) * np.vdot(gain, gain) * _NO_EFFECT**2 < 1.0:  # bounds the singular values
-            return basis.to_v2, inverted.dot(basis.to_v2)
+            return (None, inverted) if basis.plain else (basis.to_v2, inverted.dot(basis.to_v2))
     left, values, right = np.linalg.svd(basis.of_v2 @ gain)
     rank = int((values > _NO_EFFECT * values.max(initial=0.0)).sum())
     motion, inputs = np.zeros((r, p)), right.T.copy()
@@ -323,11 +325,12 @@ class InverseDynamicsQP(WholeBodyProgram):
         effects, adverse = state.input_accelerations
         basis = self._metric.basis(sample.end.R)
         motion, inputs = _unknowns(self.dt * effects, basis)
-        offset = state.v2 + self.dt * adverse
-        moved = basis.of_v2.dot(motion).T.dot(basis.of_v2.dot(offset))
+        moved = still = state.v2 + self.dt * adverse
+        if motion is not None:
+            moved = basis.of_v2.dot(motion).T.dot(basis.of_v2.dot(still))
+            still = still - motion.dot(moved)
         limits = self._limits.rows(sample), self._contacts.at(state)
-        still = offset - motion.dot(moved)
-        return _SampleProgram(sample, *limits, basis.of_v2, motion, still, inputs, -inputs.dot(moved))
+        return _SampleProgram(sample, *limits, basis, motion, still, inputs, -inputs.dot(moved))
 
     def _solved(
         self, program: _SampleProgram, levels: TaskLevels, sampled: SampledDamping, multipliers: Array | None
@@ -335,8 +338,8 @@ class InverseDynamicsQP(WholeBodyProgram):
         """Solve the levels within the limits, which hold for the velocity that the dynamics give at the end."""
         sample, rows = program.sample, program.rows
         state, motion = sample.start, self._limits.bounds(sample, rows)
-        slower = self._decay * program.of_v2.dot(state.v2)  # computed torque, which carries the load
-        rest = program.on_unknowns(slower.dot(program.of_v2)[None])[0][0]
+        lowest = slice(-self._reduced.r, None)  # computed torque, which carries the load
+        rest = levels.rate[lowest].dot(levels.jacobian[lowest])
 
         def solved(limits: ProgramBounds, last: RelaxedSolution | None = None) -> RelaxedSolution:
             given, start = (
@@ -431,20 +434,21 @@ class InverseDynamicsQP(WholeBodyProgram):
         start, decay = program.sample.start, self._decay
         v2, now = start.v2, ControlSample(self._reduced, t, start.q, start.v2, 0.0, start)
         tasks, sampled = self._tasks.at(program.sample)
-        rows, still = program.on_unknowns(np.concatenate([tasks.jacobian, program.of_v2]))
-        rate = np.concatenate([tasks.rate + decay * self._tasks.ahead(now), decay * program.of_v2.dot(v2)])
+        rows, still = program.on_unknowns(np.concatenate([tasks.jacobian, program.basis.of_v2]))
+        rate = np.concatenate([tasks.rate + decay * self._tasks.ahead(now), decay * program.basis.of_v2.dot(v2)])
         return TaskLevels(rows, rate - still, tasks.ends), sampled
 
     def _bounds(self, limits: ProgramBounds, program: _SampleProgram) -> ProgramBounds:
         """Limits of motion, of efforts and of the ground, on the unknowns."""
         (rows, still), contacts, given = program.on_unknowns(limits.rows), program.contacts, program.resting
         p, taken = len(given), given[self._limited]
-        ground, efforts = contacts.rows[:, :p], program.beside_contacts(program.inputs[self._limited])
-        ground_rows = program.beside_contacts(ground.dot(program.inputs), contacts.rows[:, p:])
-        return ProgramBounds(
-            np.concatenate([rows, efforts, ground_rows]),
-            np.concatenate([limits.lower - still, -self._efforts - taken, self._unbounded]),
-            np.concatenate([limits.upper - still, self._efforts - taken, contacts.upper - ground.dot(given)]),
-            np.concatenate([limits.places, *self._forces]),
-            len(self.limit_names),
-        )
+        efforts = program.beside_contacts(program.inputs[self._limited])
+        parts = [(rows, limits.lower - still, limits.upper - still)]
+        parts.append((efforts, -self._efforts - taken, self._efforts - taken))
+        if self._contacts.names:
+            ground = contacts.rows[:, :p]
+            ground_rows = program.beside_contacts(ground.dot(program.inputs), contacts.rows[:, p:])
+            parts.append((ground_rows, self._unbounded, contacts.upper - ground.dot(given)))
+        whole, lower, upper = map(np.concatenate, zip(*parts, strict=True))
+        places = np.concatenate([limits.places, *self._forces])
+        return ProgramBounds(whole, lower, upper, places, len(self.limit_names))

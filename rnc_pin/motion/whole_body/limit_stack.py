@@ -166,6 +166,9 @@ class LimitStack:
         ranks = np.repeat([-1 if each.hard else each.priority for each in limits], sizes).astype(int)
         hard = np.repeat([each.hard for each in limits], sizes).astype(bool)
         self._groups = [np.flatnonzero(hard), *(np.flatnonzero(~hard & (ranks == p)) for p in sorted({*ranks[~hard]}))]
+        constant = [each.jacobian for each in self._bound if each.jacobian is not None]
+        all_constant = constant and len(constant) == len(limits)
+        self._constant = (np.vstack(constant), np.arange(stops[-1])) if all_constant else None
         self._nothing = np.zeros((0, reduced.n)), np.zeros(0), np.zeros(0), np.zeros(0, dtype=int)
         self._affine = reduced.affine
         by_rows = [type(each).exceeded_by is BoundLimit.exceeded_by for each in self._bound]
@@ -179,12 +182,14 @@ class LimitStack:
             sample: the sample.
             braking: True for the rows of a braking motion.
         """
-        found = [self._nothing]
+        found = []
         for limit, where in zip(self._bound, self._places, strict=True):
             rows = limit.braking_rows(sample) if braking else limit.rows(sample)
             if rows is not None:
                 found.append((*rows[:3], where if rows.places is None else where[rows.places]))
-        whole, low, high, chosen = map(np.concatenate, zip(*found, strict=True))
+        jacobians, lower, upper, places = zip(self._nothing, *found, strict=True)
+        low, high = np.concatenate(lower), np.concatenate(upper)
+        whole, chosen = self._constant or (np.concatenate(jacobians), np.concatenate(places))
         widths = high - low
         if not widths.dot(widths) < np.inf:
             used = np.isfinite(low) | np.isfinite(high)

@@ -49,6 +49,8 @@ class MotionBasis(NamedTuple):
     """v2 of unknowns."""
     of_v2: Float[Array, "r r"]
     """Unknowns of v2."""
+    plain: bool
+    """True if v2 are such unknowns."""
 
 
 class MotionMetric:
@@ -109,15 +111,17 @@ class MotionMetric:
             if np.abs(rows.jacobian_dot(kinematics.position(somewhere).with_velocity(unit[i]))).max() < _SAME:
                 self.scales[i] = _WHEEL
         self.curvature /= self.scales**2
-        self._last: tuple[Array, MotionBasis] | None = None
+        self._last: tuple[bytes, MotionBasis] | None = None
 
     def basis(self, R: Float[Array, "nv r"]) -> MotionBasis:
         """Return unknowns for the motions ``R v2``; the last ones if R has not changed."""
-        if self._last is None or not np.array_equal(self._last[0], R):
+        numbers, last = R.tobytes(), self._last
+        if last is None or last[0] != numbers:
             of_v2 = np.asarray(np.linalg.qr(self.scales[:, None] * R, mode="r"))
             of_v2 *= np.sign(of_v2.diagonal())[:, None]
-            self._last = R, MotionBasis(inverse(of_v2), of_v2)
-        return self._last[1]
+            plain = np.array_equal(of_v2, np.eye(len(of_v2)))
+            last = self._last = numbers, MotionBasis(inverse(of_v2), of_v2, plain)
+        return last[1]
 
 
 class SampledDamping(NamedTuple):

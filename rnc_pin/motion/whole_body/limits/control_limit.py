@@ -104,11 +104,13 @@ class BoundLimit(ABC):
         averaged: True if the bounds hold for the mean velocity over the sample too.
         spacing: longest motion of a velocity between two checks of a braking motion [m, rad]. Joints that all slow down
             stay between the ends.
+        jacobian: Jacobian of all rows (k, nv), if it is constant and no row is left out; None otherwise.
     """
 
     names: tuple[str, ...]
     averaged: ClassVar[bool] = False
     spacing: float = 5e-2
+    jacobian: Float[Array, "k nv"] | None = None
 
     @abstractmethod
     def rows(self, sample: ControlSample) -> LimitRows:

@@ -92,13 +92,15 @@ class JointVelocityLimit(ControlLimit):
 
 class _BoundVelocities(BoundLimit):
     averaged = True
+    jacobian: Array
 
     def __init__(self, limit: JointVelocityLimit, reduced: ReducedModel) -> None:
         indices, largest = limited_velocities(reduced.robot, limit.joints, limit.limit)
         used = (1.0 - limit.margin) * largest
         names = reduced.robot.velocity_names
         self.names = tuple(f"{names[index]} velocity" for index in indices)
-        self._rows = LimitRows(selection_rows(indices, reduced.n), -used, used)
+        self.jacobian = selection_rows(indices, reduced.n)
+        self._rows = LimitRows(self.jacobian, -used, used)
         self._indices, self._largest = indices, largest
 
     def rows(self, sample: ControlSample) -> LimitRows:
@@ -152,6 +154,8 @@ class JointPositionLimit(ControlLimit):
 
 
 class _BoundPositions(BoundLimit):
+    jacobian: Array
+
     def __init__(self, limit: JointPositionLimit, reduced: ReducedModel) -> None:
         found = limited_positions(reduced.robot, limit.joints)
         self._q, self._v = np.array(found.q, dtype=int), np.array(found.v, dtype=int)
@@ -159,7 +163,7 @@ class _BoundPositions(BoundLimit):
         self._ends = found.lower, found.upper
         names = reduced.robot.velocity_names
         self.names = tuple(f"{names[index]} position" for index in found.v)
-        self._jacobian = selection_rows(found.v, reduced.n)
+        self.jacobian = selection_rows(found.v, reduced.n)
         fastest = known_velocity_limits(reduced.robot.model)[found.v]
         by_range = (found.upper - found.lower) / _CROSSING_TIME**2
         own = np.where(np.isfinite(fastest), fastest / _STOPPING_TIME, by_range)
@@ -170,16 +174,16 @@ class _BoundPositions(BoundLimit):
     def rows(self, sample: ControlSample) -> LimitRows:
         start, deceleration = sample.start, self._deceleration
         if self._braking is not None:
-            deceleration = np.minimum(deceleration, self._braking.decelerations(self._jacobian, start, both=True))
+            deceleration = np.minimum(deceleration, self._braking.decelerations(self.jacobian, start, both=True))
         ahead = start.q[self._q] + 0.5 * sample.dt * start.v[self._v]
         upper, lower = velocity_to_stop(self._inside - _SIDES * ahead, deceleration, sample.dt)
-        return LimitRows(self._jacobian, -lower, upper)
+        return LimitRows(self.jacobian, -lower, upper)
 
     def braking_rows(self, sample: ControlSample) -> LimitRows:
         q, v = sample.start.q[self._q], sample.start.v[self._v]
         room = np.maximum(self._inside - _SIDES * q, 0.0)
         upper, lower = np.maximum(2.0 * room / sample.dt - _SIDES * v, 0.0)
-        return LimitRows(self._jacobian, -lower, upper)
+        return LimitRows(self.jacobian, -lower, upper)
 
     def exceeded_by(self, state: StateEvaluation, time: float, mean: Array | None = None) -> Array:
         q, (lower, upper) = state.q[self._q], self._ends
@@ -271,11 +275,11 @@ class _BoundAccelerations(BoundLimit):
         of_joints = limit.joints is not None or isinstance(limit.limit, Mapping)
         self._indices = [each.column for each in entries] if of_joints else None
         if self._indices is not None:
-            self._jacobian = selection_rows(self._indices, reduced.n)
+            self.jacobian = selection_rows(self._indices, reduced.n)
 
     def rows(self, sample: ControlSample) -> LimitRows:
         change = self._largest * sample.dt
-        if self._indices is None:
+        if self.jacobian is None:
             return LimitRows(sample.end.J2, sample.start.v2 - change, sample.start.v2 + change)
         v = sample.start.v[self._indices]
-        return LimitRows(self._jacobian, v - change, v + change)
+        return LimitRows(self.jacobian, v - change, v + change)
