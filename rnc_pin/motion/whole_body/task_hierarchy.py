@@ -454,7 +454,9 @@ class _Level:
         rows = bounds.rows[active != 0.0] @ self._free.Z
         along = np.linalg.svd(rows)[2][len(rows) :] if len(rows) else self._right
         values = np.linalg.svd(self._own @ along.T, compute_uv=False)
-        return _SLOW * float(values[values > _RANK * self._norm].min(initial=np.inf)) / self._factor
+        values = values[values > _RANK * self._norm]
+        damped = self.added / (values**2 + self.added)  # what is attained may turn
+        return _SLOW * float((values / damped).min(initial=np.inf)) / self._factor
 
 
 def solve_cascade(
