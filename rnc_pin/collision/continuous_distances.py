@@ -17,8 +17,7 @@ import numpy as np
 
 from rnc_pin.array_shapes import Array, Bool, Float, Int
 from rnc_pin.collision.collision_distances import CollisionDistances, PlacedBodies
-from rnc_pin.collision.motion_segments import SampledMotion
-from rnc_pin.collision.pair_bounds import PairBounds, PairEnds
+from rnc_pin.collision.pair_bounds import PairBounds, PairEnds, SampledMotion
 from rnc_pin.errors import InputError
 from rnc_pin.printing import printed
 

@@ -9,8 +9,7 @@ import rnc_pin as rnc
 from refusals import refused
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection, cells_around, load_mesh_shape
 from rnc_pin.collision.continuous_distances import continuous_distances
-from rnc_pin.collision.motion_segments import JointSteps
-from rnc_pin.collision.pair_bounds import support
+from rnc_pin.collision.pair_bounds import JointSteps, support
 
 BALL = Obstacle(coal.Sphere(0.1), name="ball")
 PLANE = coal.Plane(np.array([0.0, 0.0, 1.0]), 0.0)
