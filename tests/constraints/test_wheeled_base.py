@@ -6,6 +6,7 @@ import pytest
 
 import rnc_pin as rnc
 from driven_bases import KINDS, RADIUS, KinematicPlant, drafted_model
+from rnc_pin.constraints.wheeled_base import WheeledBase
 from rnc_pin.control import TwistController, WheelOdometry
 from systems import mobile_manipulator
 from textbook_systems import differential_drive
@@ -82,6 +83,17 @@ def test_a_caster_shows_the_motion_without_the_motors():
     v = controller.step(q, [0.5, 0.0, 0.8], controller.initial_state())[0].v
     found = odometry.step(np.zeros(3), *(pin.integrate(reduced.robot.model, q, s * h * v) for s in (-0.5, 0.5)))
     np.testing.assert_allclose(found.pose / h, [0.5, 0.0, 0.8], atol=1e-3)
+
+
+def test_a_slow_twist_turns_the_pivots_as_a_fast_one_does():
+    """Also where limits of 1 rad leave the nearer of two angles that miss it."""
+    reduced = drafted_model(KINDS["four-wheel steering"])
+    base, q, still = WheeledBase(reduced, "base"), reduced.robot.configuration(), np.zeros(4)
+    q[base.places[base.pivots]] = 0.4
+    motion = base.at(q)
+    for aim in np.random.default_rng(0).normal(size=(20, 3)):
+        fast, slow = (base.turns(motion, q, speed * aim, still) for speed in (1.0, 1e-7))
+        np.testing.assert_allclose(slow, fast, atol=1e-9)
 
 
 def test_slip_is_the_motion_that_no_motion_of_the_base_explains():

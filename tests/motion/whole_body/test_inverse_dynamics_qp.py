@@ -12,6 +12,7 @@ from rnc_pin.control import ControlSample, InverseDynamicsQP, limits, tasks
 from rnc_pin.motion.planning import Hold, MinimumJerk
 from rnc_pin.motion.whole_body import task_hierarchy
 from rnc_pin.motion.whole_body.limit_stack import ContactCones, LimitStack
+from rnc_pin.verdict import Severity
 from textbook_systems import wheeled_pendulum
 
 DT, GAIN, RATE = 0.004, 3.0, 2.0
@@ -231,3 +232,4 @@ def test_a_program_that_is_not_solved_brings_the_robot_to_rest_and_is_counted(fa
     np.testing.assert_allclose(reduced.at(q0, v2).v2_dot(command.T), wanted, atol=1e-6)
     assert (state.unsolved.samples, state.unsolved.first) == (2, 0.0)
     assert "not solved" in state.unsolved.reason
+    assert [program.findings(state, samples)[0].severity for samples in (3, 4)] == [Severity.FAILS, Severity.DEGRADES]
