@@ -20,7 +20,7 @@ from rnc_pin.motion.optimal.transcription import Iterate, Transcription
 from rnc_pin.motion.planning import IkSearch, Reference, Way, find_steering, solve_ik
 from rnc_pin.motion.planning.action_models import ActionModel, KinematicModel, Nodes
 from rnc_pin.motion.planning.exact_steering import CarSteering
-from rnc_pin.motion.planning.way import motion_along
+from rnc_pin.motion.planning.way import Limits, motion_along
 from rnc_pin.printing import counted
 
 GIVEN = "given"  # name of a guess of the caller
@@ -362,7 +362,7 @@ def _given(problem: Transcription, given: MotionPlan | Way | ArrayLike, duration
     """Guess from a plan, a way or configurations."""
     K, model = problem.K, problem.model
     if isinstance(given, Way):
-        q, nodes, mean = motion_along(given, K, duration)
+        q, nodes, mean = motion_along(given, K, duration, motion_limits(problem))
         if model.form == "kinematic":
             return Iterate(q, np.empty((K + 1, 0)), mean, duration)
         return _with_inputs(model, q, nodes, duration)
@@ -380,6 +380,20 @@ def _given(problem: Transcription, given: MotionPlan | Way | ArrayLike, duration
         raise InputError(f"guess: expected configurations (n, {model.reduced.robot.nq}), found shape {rows.shape}")
     rows = ConfigurationValidator(model.reduced.robot).validate(rows)
     return along(model, _spaced(model, rows, K), duration)
+
+
+def motion_limits(problem: Transcription) -> Limits:
+    """Largest reduced velocities and accelerations (r,) within the bounds of a problem in both directions."""
+    model, speeds = problem.model, problem.model.reduced.reducing.names
+    found = np.full((2, model.r), np.inf)
+    of_input = {"kinematic": 0, "acceleration": 1}.get(model.form)
+    for bound in problem.bounds:
+        names, row = (speeds, 0) if bound.quantity == "velocity" else (model.input_names, of_input)
+        for name, low, high in zip(bound.names, bound.lower, bound.upper, strict=True):
+            if bound.quantity in ("velocity", "input") and row is not None and name in names:
+                most = found[row, names.index(name) :][:1]
+                most[:] = min(most[0], min(-low, high) if low < 0 < high else max(-low, high))
+    return found[0], found[1]
 
 
 def _spaced(model: ActionModel, q: Array, K: int) -> Array:

@@ -27,7 +27,7 @@ from rnc_pin.model.input_validation import (
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.motion.optimal.bounds import BoundKind, DistanceBound, DistanceRows, FileLimits, Goal, GoalRows, NodeBound
 from rnc_pin.motion.optimal.costs import CostKind, EffortCost, OutputCost
-from rnc_pin.motion.optimal.guesses import Guess, guesses
+from rnc_pin.motion.optimal.guesses import Guess, guesses, motion_limits
 from rnc_pin.motion.optimal.motion_plan import MotionPlan
 from rnc_pin.motion.optimal.node_data import NodeData
 from rnc_pin.motion.optimal.plan_feedback import PlanFeedback, tvlqr
@@ -318,7 +318,8 @@ def plan_motion(
         if wanted == 1:
             with suppress(InfeasibleError):
                 return solved(guess.at(np.linspace(0.0, guess.duration, _POINTS)), settings, 0)
-        settings = replace(settings, nodes=intervals_along(guess, settings.nodes, longest))
+        most = motion_limits(build_problem(model, start, end, duration, costs, bounds, settings.nodes, limits))
+        settings = replace(settings, nodes=intervals_along(guess, settings.nodes, longest, most))
     made = solved(guess, settings, seeds)
     if made.info.solutions < wanted:
         found, tried = made.info.solutions, made.info.guesses

@@ -23,6 +23,9 @@ _JUMP = 1e-6  # change of the direction of reduced velocities above which a moti
 _TURN = 0.02  # the same for propagated ways, whose nodes give velocities to the accuracy of a step
 _SEEN = 1.0  # [m]; the narrowest place is looked for within this distance
 
+Limits = tuple[Float[Array, " r"], Float[Array, " r"]]
+"""Largest reduced velocities and accelerations; infinite without a limit."""
+
 
 @dataclass(frozen=True, repr=False)
 class WayInfo:
@@ -186,15 +189,24 @@ class _Pieces(NamedTuple):
     """Places where the motions after these nodes begin, and the place of the goal."""
     stops: Float[Array, " m1"]
     """Places at which the direction jumps, begin and end."""
-    slowest: Float[Array, " m"]
-    """Smallest speed of the way between stops."""
+    speeds: Float[Array, " m"]
+    """Largest speed between stops."""
+    rates: Float[Array, " m"]
+    """Largest rate of the speed between stops."""
 
-    def counts(self, intervals: int) -> tuple[Int[Array, " m"], Int[Array, " m"]]:
-        """Intervals of each piece, by its duration, and those among them in which its speed rises, and falls."""
-        durations = np.diff(self.stops) / self.slowest
-        share = (intervals - 2 * len(durations)) * np.cumsum(durations) / durations.sum()
-        counts = 2 + np.diff(np.round(share), prepend=0.0).astype(int)
-        return counts, np.maximum(counts // 4, 1)
+    def loads(self, counts: Int[Array, " m"], h: float) -> tuple[Int[Array, " m"], Float[Array, " m"], Array]:
+        """Intervals of length h in which the speed rises, and falls; its top; and how much faster than bounds it is."""
+        ramps = np.maximum(counts // 4, 1)
+        top = np.diff(self.stops) / (h * (counts - ramps))
+        return ramps, top, np.maximum(top / self.speeds, np.sqrt(top / (h * ramps * self.rates)))
+
+    def counts(self, intervals: int, duration: float) -> Int[Array, " m"]:
+        """Intervals of each piece: each one more is for the piece whose motion exceeds its bounds most."""
+        counts = np.full(len(self.speeds), 2)
+        for _ in range(intervals - counts.sum()):
+            loads = self.loads(counts, duration / intervals)[-1]
+            counts[np.argmax(loads > (1.0 - _SAME) * loads.max())] += 1  # rounding does not decide
+        return counts
 
 
 def _straight(steps: Float[Array, "n k"], jump: float) -> tuple[Float[Array, " n"], Int[Array, " m"]]:
@@ -203,55 +215,62 @@ def _straight(steps: Float[Array, "n k"], jump: float) -> tuple[Float[Array, " n
     return sizes, np.flatnonzero(np.abs(np.diff(steps / sizes[:, None], axis=0, prepend=2.0)).max(axis=1) > jump)
 
 
-def _pieces(way: Way) -> _Pieces:
+def _pieces(way: Way, limits: Limits) -> _Pieces:
     u = np.matvec(way.reduced.at(way.q[:-1]).J2, way.v)
     k = np.flatnonzero(np.abs(u).max(axis=1))
     sizes, first = _straight(u[k], _JUMP if way.geodesic else _TURN)
     ends = np.concatenate([[0.0], np.cumsum(sizes * np.diff(way.time)[k])])
-    return _Pieces(k, u[k] / sizes[:, None], ends, ends[np.append(first, len(k))], np.minimum.reduceat(sizes, first))
+    directions = u[k] / sizes[:, None]
+    with np.errstate(divide="ignore"):
+        speeds, rates = (np.minimum.reduceat((each / np.abs(directions)).min(axis=1), first) for each in limits)
+    speeds = np.minimum(speeds, np.minimum.reduceat(sizes, first))
+    return _Pieces(k, directions, ends, ends[np.append(first, len(k))], speeds, rates)
 
 
-def intervals_along(way: Way, least: int, duration: float) -> int:
-    """Number of intervals in which ``motion_along`` stops where it has to, and keeps the speeds of the way.
+def intervals_along(way: Way, least: int, duration: float, limits: Limits) -> int:
+    """Number of intervals in which ``motion_along`` stops where it has to, and keeps its bounds.
 
     Args:
         way: a way that moves.
         least: number to begin with; it is doubled up to three times, unless even that leaves no time to stop.
         duration: duration of the motion [s].
+        limits: as for ``motion_along``.
     """
-    pieces, found = _pieces(way), least
+    pieces, found = _pieces(way, limits), least
     for intervals in [least * 2**doubled for doubled in range(4)]:
-        counts, ramps = pieces.counts(intervals)
-        if counts.min() < 2:
+        counts = pieces.counts(intervals, duration)
+        if counts.sum() > intervals:
             continue
         found = intervals
-        if (np.diff(pieces.stops) <= pieces.slowest * duration / intervals * (counts - ramps)).all():
+        if (pieces.loads(counts, duration / intervals)[-1] <= 1.0).all():
             break
     return found
 
 
 def motion_along(
-    way: Way, intervals: int, duration: float
+    way: Way, intervals: int, duration: float, limits: Limits
 ) -> tuple[Float[Array, "n nq"], Float[Array, "n r"], Float[Array, "k r"]]:
     """Configurations and reduced velocities (K + 1, r) at equal times, and the means of these over the intervals.
 
     The motion starts and ends at rest, and stops where the direction of the reduced velocities jumps. In between, they
     keep their direction, and the reduced acceleration is constant over each interval: so the motion is exact where the
-    way is. With less than two intervals for each piece, the speed is constant.
+    way is. With less than two intervals for each piece, the speed is constant. Pieces share the time so that none
+    exceeds its bounds by more than others have to: the speeds of the way, and the limits.
 
     Args:
         way: a way that moves.
         intervals: number K of intervals.
         duration: duration [s].
+        limits: largest reduced velocities and accelerations (r,).
     """
-    pieces, h = _pieces(way), duration / intervals
-    counts, ramps = pieces.counts(intervals)
+    pieces, h = _pieces(way, limits), duration / intervals
+    counts = pieces.counts(intervals, duration)
     speed = np.full(intervals + 1, pieces.ends[-1] / duration)
-    if (counts >= 2).all():
+    if counts.sum() == intervals:
+        ramps, top, _ = pieces.loads(counts, h)
         within = np.concatenate([np.arange(count) for count in counts])
         left, ramp = np.repeat(counts, counts) - within, np.repeat(ramps, counts)
-        most = np.repeat(np.diff(pieces.stops) / (h * (counts - ramps)), counts)
-        speed[:-1] = most * np.minimum(np.minimum(within, left) / ramp, 1.0)
+        speed[:-1] = np.repeat(top, counts) * np.minimum(np.minimum(within, left) / ramp, 1.0)
         speed[-1] = 0.0
     mean = 0.5 * (speed[:-1] + speed[1:])
     places = np.concatenate([[0.0], np.cumsum(h * mean)])
