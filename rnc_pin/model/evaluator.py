@@ -40,6 +40,7 @@ from rnc_pin.model.reduction_kernel import ReductionKernel, RunRecords
 from rnc_pin.model.state_evaluation import StateEvaluation, output_slopes
 
 _FORMS = ("kinematic", "acceleration", "dynamic")
+_ENDS = ("q", "kinematics", "inverse"), ("q_end", "kinematics_end", "inverse_end")  # of a sample's record
 
 
 class Evaluator:
@@ -180,8 +181,8 @@ class Evaluator:
             return None
         numbers.setflags(write=False)
         record, states = np.ndarray((), kernel.sample, numbers), []
-        for end in ("", "_end"):
-            q, kinematics, inverse = (record[name + end] for name in ("q", "kinematics", "inverse"))
+        for names in _ENDS:
+            q, kinematics, inverse = map(record.__getitem__, names)
             arrays = CompiledArraysAtQ(kernel, q, None, kinematics, inverse)
             at = ConfigurationEvaluation(self, q, None, None, arrays)
             states.append(StateEvaluation(at, record["v2"]))

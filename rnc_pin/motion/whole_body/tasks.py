@@ -196,7 +196,8 @@ class OutputsTogether:
         """Return the rows of all tasks at the end of a sample."""
         jacobian, found = self._evaluator.vertical_outputs(sample.end.configuration)
         points = [task.reference.at(sample.time) for task in self._tasks]
-        position, velocity = (np.concatenate(each) for each in list(zip(*points, strict=True))[:2])
+        parts = list(zip(*points, strict=True))[:2]
+        position, velocity = (np.asarray(each[0]) if len(each) == 1 else np.concatenate(each) for each in parts)
         coordinates = self._stack.coordinates
         rate, _ = coordinates.to_rates(position, velocity, velocity)  # for any acceleration
         return TaskRows(jacobian, rate + self._gain * coordinates.difference(position, found))

@@ -115,7 +115,6 @@ class _BoundVelocities(BoundLimit):
 
 _STOPPING_TIME = 0.25  # [s] from the velocity limit, if no deceleration is given
 _CROSSING_TIME = 1.0  # [s] for the range of a joint without a velocity limit
-_SIDES = np.array([[1.0], [-1.0]])  # towards the upper and the lower limit
 
 
 @dataclass(frozen=True)
@@ -168,31 +167,35 @@ class _BoundPositions(BoundLimit):
         by_range = (found.upper - found.lower) / _CROSSING_TIME**2
         own = np.where(np.isfinite(fastest), fastest / _STOPPING_TIME, by_range)
         deceleration = own if limit.deceleration is None else np.full(len(own), limit.deceleration)
-        self._inside, self._deceleration = np.array([found.upper - room, -found.lower - room]), deceleration
+        # Towards the upper limits, then towards the lower ones.
+        self._inside, self._deceleration = np.append(found.upper - room, -found.lower - room), np.tile(deceleration, 2)
+        self._twice, self._sides = np.tile(np.arange(len(found.v)), 2), np.repeat([1.0, -1.0], len(found.v))
         self._braking = PlannedBraking(reduced) if limit.deceleration is None else None
 
     def rows(self, sample: ControlSample) -> LimitRows:
         start, deceleration = sample.start, self._deceleration
         if self._braking is not None:
-            deceleration = np.minimum(deceleration, self._braking.decelerations(self.jacobian, start, both=True))
-        ahead = start.q[self._q] + 0.5 * sample.dt * start.v[self._v]
-        upper, lower = velocity_to_stop(self._inside - _SIDES * ahead, deceleration, sample.dt)
-        return LimitRows(self.jacobian, -lower, upper)
+            planned = self._braking.decelerations(self.jacobian, start, both=True)
+            deceleration = np.minimum(deceleration, planned[self._twice])
+        ahead = (start.q[self._q] + 0.5 * sample.dt * start.v[self._v])[self._twice]
+        return self._up_to(velocity_to_stop(self._inside - self._sides * ahead, deceleration, sample.dt))
+
+    def _up_to(self, fastest: Array) -> LimitRows:
+        """Rows for the largest velocities towards both sides."""
+        k = len(self.names)
+        return LimitRows(self.jacobian, -fastest[k:], fastest[:k])
 
     def braking_rows(self, sample: ControlSample) -> LimitRows:
-        q, v = sample.start.q[self._q], sample.start.v[self._v]
-        room = np.maximum(self._inside - _SIDES * q, 0.0)
-        upper, lower = np.maximum(2.0 * room / sample.dt - _SIDES * v, 0.0)
-        return LimitRows(self.jacobian, -lower, upper)
+        q, v = sample.start.q[self._q][self._twice], sample.start.v[self._v][self._twice]
+        room = np.maximum(self._inside - self._sides * q, 0.0)
+        return self._up_to(np.maximum(2.0 * room / sample.dt - self._sides * v, 0.0))
 
     def exceeded_by(self, state: StateEvaluation, time: float, mean: Array | None = None) -> Array:
         q, (lower, upper) = state.q[self._q], self._ends
         return np.maximum(q - upper, lower - q)
 
 
-def velocity_to_stop(
-    room: Float[Array, "*sides k"], deceleration: Float[Array, " k"], dt: float
-) -> Float[Array, "*sides k"]:
+def velocity_to_stop(room: Float[Array, " k"], deceleration: Float[Array, " k"], dt: float) -> Float[Array, " k"]:
     """Return the largest velocity at the end of a sample from which a joint stops in time.
 
     Over this sample a joint of velocity u moves by ``dt (u + v) / 2``. From v it then stops in whole samples, at most
