@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import difflib
+import inspect
 import itertools
 import json
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+import sys
+from collections import ChainMap
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, Protocol, Self
@@ -417,3 +420,29 @@ def check_extra(extra: str, purpose: str) -> None:
     """
     if find_spec(_PACKAGES[extra].module) is None:
         raise ConfigurationError(f"{purpose}: {missing_extra(extra)}")
+
+
+def check_classes(
+    title: str, call: Callable[..., object], arguments: Sequence[object], named: Mapping[str, object]
+) -> None:
+    """Raise an error if an argument is no object of the class of this package that its annotation names.
+
+    Args:
+        title: name of the call in messages.
+        call: a function with annotations.
+        arguments, named: arguments of the call.
+
+    Raises:
+        ConfigurationError: names the argument.
+    """
+    # A module may import a class for type checkers alone.
+    scopes = [vars(module) for name, module in list(sys.modules.items()) if name.startswith("rnc_pin.")]
+    known = ChainMap({"None": type(None)}, vars(sys.modules[call.__module__]), *scopes)
+    with suppress(TypeError):  # arguments that do not fit tell this themselves
+        for name, value in inspect.signature(call).bind(*arguments, **named).arguments.items():
+            words = str(call.__annotations__.get(name)).split(" | ")
+            kinds = tuple(kind for word in words if isinstance(kind := known.get(word), type))
+            own = any(kind.__module__.startswith("rnc_pin.") for kind in kinds) and len(kinds) == len(words)
+            if own and not isinstance(value, (*kinds, tuple)):  # a tuple of *arguments
+                expected = " or ".join(word for word in words if word != "None")
+                raise ConfigurationError(f"{title}: {name}: expected {expected}, found {short_text(value)}")

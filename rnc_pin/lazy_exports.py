@@ -9,10 +9,11 @@ from __future__ import annotations
 import ast
 import sys
 from collections.abc import Callable
+from functools import wraps
 from importlib import import_module
 from importlib.util import resolve_name
 from pathlib import Path
-from types import ModuleType
+from types import FunctionType, ModuleType
 
 
 class _Package(ModuleType):
@@ -46,7 +47,7 @@ def lazy_exports(package: str) -> tuple[Callable[[str], object], Callable[[], li
         origin, attribute = exports[name]
         if origin == package:  # from . import subpackage
             return import_module(f"{package}.{attribute}")
-        value = module.__dict__[name] = getattr(import_module(origin), attribute)
+        value = module.__dict__[name] = _explained(import_module(origin), attribute, name)
         return value
 
     return get, lambda: names.copy(), names.copy()
@@ -64,3 +65,30 @@ def listed_exports(stub: Path, package: str) -> dict[str, tuple[str, str]]:
             else:
                 found |= {each.asname or each.name: (origin, each.name) for each in node.names}
     return found
+
+
+def _explained(module: ModuleType, name: str, title: str) -> object:
+    """Class or function whose failing calls name an argument of another class than its annotation.
+
+    Nothing is checked before a call, so that it takes no longer, and what serves in place of a class may do so.
+    """
+    export = getattr(module, name)
+    call = vars(export).get("__init__") if isinstance(export, type) else export
+    if not isinstance(call, FunctionType) or hasattr(call, "__wrapped__") or getattr(export, "_is_protocol", False):
+        return export
+
+    @wraps(call)
+    def explained(*arguments: object, **named: object) -> object:
+        try:
+            return call(*arguments, **named)
+        except (AttributeError, TypeError):
+            from rnc_pin.errors import check_classes
+
+            check_classes(title, call, arguments, named)
+            raise
+
+    if isinstance(export, type):
+        export.__init__ = explained  # type: ignore[misc]
+        return export
+    setattr(module, name, explained)  # the same in all packages, and in a pickle
+    return explained

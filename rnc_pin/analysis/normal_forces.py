@@ -285,6 +285,15 @@ class NormalForces:
                 f"'{self.unknown[0]}' on a planar base are: use base 'free', or a Wrench, Spring or Damper on a frame"
             )
 
+    def remedy(self, contact: str) -> str:
+        """Proposal for a contact that lifts off, as of ``Assembly.remedy``.
+
+        Args:
+            contact: name of the contact.
+        """
+        up = self.contacts[self.names.index(contact)].up
+        return "" if up is None else self._reduced.assembly.remedy(self.rows[up])
+
     def at(self, state: StateEvaluation, T: Array, external: Array | None = None) -> Float[Array, "*batch c"]:
         """Return the normal forces [N].
 

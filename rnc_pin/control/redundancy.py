@@ -9,7 +9,7 @@ import numpy as np
 from rnc_pin.control.controller import DescribedMixin, Description, VelocityTarget, check_size, describe, goals_at
 from rnc_pin.control.feedback import Feedback
 from rnc_pin.control.gain_design import DEFAULT_OUTER_GAINS
-from rnc_pin.errors import ConfigurationError, SingularityError, short_text
+from rnc_pin.errors import ConfigurationError, SingularityError
 from rnc_pin.math.linear_algebra import apply, as_slice, condition_number, solve
 from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.task import Task
@@ -67,8 +67,6 @@ class RedundancyController(DescribedMixin):
         k21: float | np.ndarray = DEFAULT_OUTER_GAINS.k21,
         secondary: Secondary | None = None,
     ) -> None:
-        if not isinstance(task, Task):
-            raise ConfigurationError(f"task: expected a Task, see rnc.Task.of, found {short_text(task)}")
         if not 0 < len(task.vertical) <= len(task.redundant):
             raise ConfigurationError(
                 f"the class-1 controller needs as many redundant as vertical outputs, found {len(task.redundant)} "

@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.io.json import atomic_file
@@ -119,10 +120,10 @@ def save(figure: Figure, path: str | Path, replace: bool = True) -> Path:
 
 
 class LegendEntry(NamedTuple):
-    """Legend entry: its text, with escaped characters, and its lines. The legend shows their colours and dashes."""
+    """Legend entry: its text, with escaped characters, and its lines or bodies. The legend shows their colours."""
 
     text: str
-    lines: Sequence[Line2D]
+    lines: Sequence[Line2D | Patch]
 
 
 def line(axes: Axes, k: int, count: int, time: np.ndarray, values: np.ndarray) -> Line2D:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import is_dataclass
 from functools import cache
 from itertools import pairwise
-from typing import Annotated, ClassVar, TypeVar, get_args, get_origin
+from typing import Annotated, Any, ClassVar, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, Field, GetJsonSchemaHandler, ValidationError, model_validator
 from pydantic.json_schema import JsonSchemaValue
@@ -134,6 +134,10 @@ class Strict(BaseModel):
                 if _largest(value) > largest:
                     raise ValueError(f"'{key}' has {_largest(value):g}, largest magnitude is {largest:g}")
         return raw
+
+    def values_of(self, *names: str) -> dict[str, Any]:
+        """Values of these keys by name, for a call that takes parameters of these names."""
+        return {name: getattr(self, name) for name in names}
 
     @classmethod
     def key_descriptions(cls) -> dict[str, str]:

@@ -166,8 +166,9 @@ def _contacts(run: RunData, grip: Grip | None, reduced: ReducedModel | None) -> 
     inside = forces_inside(run, normal, every=grip is not None)
     lifted = first_lift_off(run.time, run.normal_forces, names, inside)
     if lifted is not None:
+        message = f"{lifted}{'' if normal is None else normal.remedy(lifted.contact)}"
         kind, amount = FindingKind.LIFT_OFF, -lifted.lowest
-        yield Finding(kind, lifted.contact, amount, "N", lifted.time, Severity.FAILS, str(lifted))
+        yield Finding(kind, lifted.contact, amount, "N", lifted.time, Severity.FAILS, message)
     unknown = np.isnan(run.normal_forces).all(axis=0)
     if len(run.time) and unknown.any():
         where = few([name for name, each in zip(names, unknown, strict=True) if each])

@@ -171,7 +171,7 @@ class LiftOffMonitor:
         if lifted is not None:
             raise LimitError(
                 f"contact '{lifted.contact}' lifts off at t = {lifted.time:.3f} s: the model pulls with "
-                f"{-lifted.force:.3g} N, and the contact can only push"
+                f"{-lifted.force:.3g} N, and the contact can only push{self._forces.remedy(lifted.contact)}"
             )
 
 

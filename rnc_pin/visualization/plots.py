@@ -71,21 +71,20 @@ def draw_obstacles(axes: Axes, obstacles: Sequence[Obstacle], time: np.ndarray) 
         obstacles: the obstacles.
         time: times (N,) of the run [s].
     """
-    lines = []
-    body, edge = "0.8", "0.45"  # greys of obstacles and of their outlines
+    bodies = []
+    edge = "0.45"  # grey of outlines
     for obstacle in obstacles:
         if obstacle.unbounded:
             continue
         first = outline(obstacle, float(time[0]))
-        axes.fill(*first.T, color=body, alpha=0.5, zorder=0)
-        lines += axes.plot(*np.concatenate([first, first[:1]]).T, color=edge, lw=st.points(0.9), zorder=0.5)
+        bodies += axes.fill(*first.T, fc=(0.8, 0.8, 0.8, 0.5), ec=edge, lw=st.points(0.9), zorder=0.5)
         if obstacle.motion is not None:
             last = outline(obstacle, float(time[-1]))
             axes.plot(*np.concatenate([last, last[:1]]).T, color=edge, lw=st.points(0.9), ls=st.DOTS, zorder=0.5)
             moments = np.linspace(time[0], time[-1], 100).tolist()
             path = np.array([obstacle.placement(t).translation[:2] for t in moments])
             axes.plot(*path.T, color=edge, lw=st.points(0.9), ls=st.DOTS, zorder=0.5)
-    return [st.LegendEntry("obstacles", lines[:1])] if lines else []
+    return [st.LegendEntry("obstacles", bodies[:1])] if bodies else []
 
 
 def footprints(robot: Robot, q: np.ndarray) -> list[np.ndarray]:

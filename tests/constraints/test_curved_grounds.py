@@ -132,16 +132,19 @@ def test_derivatives_are_those_of_differences(name):
     np.testing.assert_allclose(found.v2_dot_q, expected, atol=1e-7 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize(("radius", "height"), [(1.0, 1.2), (0.1, 0.3)])
+@pytest.mark.parametrize(("radius", "height"), [(1.0, 1.2), (0.1, 0.3), (1.0, 0.8)])
 def test_for_a_ball_as_ground_the_outside_is_proposed(radius, height):
-    """A ball of radius 0.2 on top of it, or one that a bowl of this radius cannot hold."""
+    """A ball of radius 0.2 on top of it, one that a bowl of this radius cannot hold, or one under its ceiling."""
     robot = rnc.Robot.from_urdf("rolling_ball.urdf", base="free")
     q = robot.configuration({"root_joint": [0, 0, height, 0, 0, 0, 1]})
 
     def rolled(**given):
         ball = rnc.RollingBall("ball", 0.2, ground=rnc.SphericalGround(radius, **given))
         reduced = rnc.NonholonomicSystem(robot, [ball]).reduce()
-        return rnc.free_motion(reduced, q, np.zeros(reduced.r), 0.1)
+        run = rnc.free_motion(reduced, reduced.assembled(q) if height < 1 else q, np.zeros(reduced.r), 0.1)
+        if not run.verdict.succeeded:
+            raise rnc.SimulationError(str(run.verdict.first))
+        return run
 
     with pytest.raises(rnc.RncError, match="inside=False if bodies roll on the outside of a ball"):
         rolled()

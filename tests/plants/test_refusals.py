@@ -58,7 +58,7 @@ VELOCITIES, FORCES = rnc.control.ActuatorVelocityController, rnc.control.Compute
 
 test_what_does_not_fit_is_refused_in_one_line = refused([
     (below_the_ground, INPUT, r"contact 'ball' starts 0\.05 m below the ground"),
-    (lambda: contact_plant(contact(), system=sleigh().reduce()), WRONG, "a NonholonomicSystem without the contacts"),
+    (lambda: contact_plant(contact(), system="ball"), WRONG, "system: expected NonholonomicSystem"),
     (contact_plant, WRONG, "expected a list of UnilateralContact"),
     (lambda: contact_plant(contact(), contact()), WRONG, "'ball' occurs twice"),
     (lambda: contact_plant(contact(rnc.NoSideSlip("ball"))), WRONG, "NoSideSlip: .*found 0 height rows"),

@@ -5,9 +5,11 @@ import shutil
 import subprocess
 from dataclasses import replace
 
+import coal
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 from matplotlib.path import Path as MarkerPath
 
 import rnc_pin as rnc
@@ -17,7 +19,7 @@ from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.figures import save
 from rnc_pin.simulation.run_figure import learning_panels, panels, plot_run
 from rnc_pin.visualization import recording as capture
-from rnc_pin.visualization.plots import draw_footprints, footprints, plot_top_view
+from rnc_pin.visualization.plots import draw_footprints, draw_obstacles, footprints, plot_top_view
 from rnc_pin.visualization.recording import Recording
 from systems import mecanum
 
@@ -217,3 +219,6 @@ def test_outlines_move_with_the_robot_and_keep_their_area():
     np.testing.assert_allclose(np.sort(moved[0][:, 1]), np.sort(at_origin[0][:, 0]) + 1.0, atol=1e-12)
     (entry,) = draw_footprints(Figure().subplots(), robot, np.repeat(robot.configuration()[None], 3, axis=0))
     assert entry.text == "robot"
+    (post,) = draw_obstacles(Figure().subplots(), [rnc.collision.Obstacle(coal.Sphere(0.2))], np.zeros(2))
+    assert post.text == "obstacles"
+    assert [isinstance(each.lines[0], Patch) for each in (post, entry)] == [True, False]  # told apart in the legend

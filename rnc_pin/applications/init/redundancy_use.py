@@ -14,8 +14,9 @@ from rnc_pin.analysis import Exploration, Use, default_candidates, explore, shor
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import ConfigurationError, RncError, SingularityError, nearest
 from rnc_pin.io import Json, to_json_mapping
-from rnc_pin.model import OutputKind
+from rnc_pin.model import OutputKind, OutputStack
 from rnc_pin.outputs import CenterOfMass, FramePosition, FrameSpeed, FrameYaw, JointPosition, velocity_outputs
+from rnc_pin.robots import Robot
 from rnc_pin.verdict import Verdict
 
 _KEPT = "robot", "ground", "constraints", "mimic", "actuators", "forces", "obstacles"
@@ -157,8 +158,8 @@ def _content(
     """Content of the scenario file."""
     use, robot = found.use, scenario.robot
     followers = {each.joint for each in robot.mimics if start}  # where their drivers start elsewhere
-    primary, vertical = _kinds(known, found.exploration.primary), _kinds(known, use.moved)
-    redundant = _kinds(known, use.redundant)
+    primary, redundant = _kinds(known, found.exploration.primary), _kinds(known, use.redundant)
+    vertical = [] if _by_coordinates(use, known, robot) else _kinds(known, use.moved)
     if use.redundancy_class == "3":  # a platform that drives and turns
         redundant = [FrameSpeed(robot.links_of(1)[0], "x"), FrameYaw(robot.links_of(1)[0])]
     roles = {"primary": primary, "redundant": redundant, "vertical": vertical}
@@ -184,11 +185,15 @@ def _control(
     bent, duration = _BEND * share * exploration.length, _MOTION + 2.0  # and a rest at the end [s]
     match use.redundancy_class:
         case "1" | "2":
-            kinds = _kinds(known, use.moved)
-            units = [unit for each in kinds for unit in each.bind(scenario.robot).units]
+            bound = [known[name].bind(scenario.robot) for name in use.moved]
+            units = [rows.units[rows.names.index(name)] for name, rows in zip(use.moved, bound, strict=True)]
             step = bent * float(use.singular_values[use.rank - 1]) / np.sqrt(len(units))
             by["vertical"] = [step / exploration.length if unit.startswith("rad") else step for unit in units]
-            controller |= {"posture": {}} if exploration.motions > len(use.moved) else {}
+            if _by_coordinates(use, known, scenario.robot):
+                by = {"redundant": _coordinate_steps(scenario, found, known, by["vertical"])}
+                controller["type"] = "reducing_outputs"
+            elif exploration.motions > len(use.moved):
+                controller["posture"] = {}
         case "2s":  # it steers only while it drives
             travel = share * 8.0 * exploration.length  # eight lengths of the robot
             by["primary"] = [travel if "_speed_" in name else 0.0 for name in exploration.primary]
@@ -203,6 +208,25 @@ def _control(
         role: {"minimum_jerk": {"by": np.round(each, 4).tolist(), "duration": _MOTION}} for role, each in by.items()
     }
     return {"reference": motions, "controller": controller, "simulation": {"duration": duration, "dt": 0.002}}
+
+
+def _by_coordinates(use: Use, known: Mapping[str, OutputKind], robot: Robot) -> bool:
+    """True if no controller takes the outputs of a use: redundant coordinates, or some rows of a rotation."""
+    rows = {name for each in _kinds(known, use.moved) for name in each.bind(robot).names}
+    return use.redundancy_class in ("1", "2") and (rows != {*use.moved} or not rows.isdisjoint(use.redundant))
+
+
+def _coordinate_steps(
+    scenario: Scenario, found: FoundUse, known: Mapping[str, OutputKind], steps: Sequence[float]
+) -> list[float]:
+    """Displacements of the redundant coordinates that move the outputs of a use by these steps, to first order."""
+    use, primary = found.use, found.exploration.primary
+    kinds = _kinds(known, (*primary, *use.moved, *use.redundant))
+    stack, at = OutputStack([kind.bind(scenario.robot) for kind in kinds]), scenario.reduced.at(use.best_at)
+    rates = dict(zip(stack.names, stack.jacobian(at.position) @ at.R, strict=True))
+    wanted = np.pad(steps, (len(primary), 0))
+    motion = np.linalg.lstsq(np.array([rates[name] for name in (*primary, *use.moved)]), wanted, rcond=None)[0]
+    return [float(rates[name] @ motion) for name in use.redundant]
 
 
 def _parking(scenario: Scenario, use: Use, aside: float) -> dict[str, Json]:

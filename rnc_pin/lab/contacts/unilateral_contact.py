@@ -274,7 +274,7 @@ class ContactRows:
         return matrix, ground
 
 
-def bound_contacts(system: object, contacts: Sequence[UnilateralContact]) -> list[BoundContact]:
+def bound_contacts(system: NonholonomicSystem, contacts: Sequence[UnilateralContact]) -> list[BoundContact]:
     """Return the contacts of a plant, bound to the robot of its system.
 
     Args:
@@ -282,13 +282,9 @@ def bound_contacts(system: object, contacts: Sequence[UnilateralContact]) -> lis
         contacts: the contacts.
 
     Raises:
-        ConfigurationError: no system, no contacts, contacts of the same name, a contact without a gap, or friction with
+        ConfigurationError: no contacts, contacts of the same name, a contact without a gap, or friction with
             a limit at some contacts only.
     """
-    if not isinstance(system, NonholonomicSystem):
-        raise ConfigurationError(
-            f"ContactPlant: expected a NonholonomicSystem without the contacts, found {type(system).__name__}"
-        )
     if not contacts or not all(isinstance(each, UnilateralContact) for each in contacts):
         raise ConfigurationError(f"contacts: expected a list of UnilateralContact, found {contacts!r}")
     bound = [BoundContact(each, system.robot) for each in contacts]

@@ -404,8 +404,6 @@ def fitting_model(reduced: ReducedModel, plan: MotionPlan) -> ActionModel:
     Raises:
         ConfigurationError: the plan was made for another model.
     """
-    if not isinstance(plan, MotionPlan):
-        raise ConfigurationError(f"plan: expected a MotionPlan, found {type(plan).__name__}")
     form: Form = plan.info.form  # type: ignore[assignment]
     model = action_model(reduced, form)
     if plan.info.input_names != model.input_names or plan.K.shape[2] != model.nx:

@@ -15,7 +15,7 @@ from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
 from rnc_pin.analysis.derivatives import state_derivatives
-from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError, ModelWarning, short_text
+from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError, ModelWarning
 from rnc_pin.model.input_validation import (
     NotNegative,
     Positive,
@@ -62,14 +62,12 @@ def build_problem(
     times = _duration(duration)
     costs = _listed("costs", [EffortCost()] if costs is None else costs, CostKind)
     bounds = _listed("bounds", bounds, BoundKind)
-    if not (limits is None or isinstance(limits, FileLimits)):
-        raise ConfigurationError(f"limits: expected FileLimits of rnc.optimal or None, found {limits!r}")
     if times[1] > times[0]:
         _check_free(costs, bounds)
     if nodes < 2:
         raise InputError(f"nodes: expected at least 2, found {nodes}")
     stated = [bound.bind(model) for bound in bounds]
-    of_file = (limits or FileLimits(False, False, False)).bind(model, stated)
+    of_file = (FileLimits(False, False, False) if limits is None else limits).bind(model, stated)
     if goal is not None:
         for row in (*stated, *of_file):
             if row.quantity == "output":  # refuse a goal beyond a limit at once: no motion ends there
@@ -286,8 +284,6 @@ def plan_motion(
     end = None if goal is None else GoalRows(model, goal, at_rest)
     start = initial_node(model, q0, v2_0)
     wanted = solutions or 1
-    if not isinstance(settings, SolverSettings):
-        raise ConfigurationError(f"settings: expected SolverSettings, found {short_text(settings)}")
     check_settings(settings)
     check_positive_settings(dt=dt)
     for name, count, least in (("seeds", seeds, 0), ("solutions", wanted, 1)):

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.collision import CollisionDistances
-from rnc_pin.errors import ConfigurationError, InputError, SingularityError, short_text
+from rnc_pin.errors import ConfigurationError, InputError, SingularityError
 from rnc_pin.model.input_validation import ConfigurationValidator, is_count, is_number
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
@@ -170,10 +170,6 @@ def solve_ik(
     if q0.ndim != 1:
         raise InputError(f"q0 has shape {q0.shape}, expected ({reduced.robot.nq},)")
     _check_length("clearance", clearance, 0.0)
-    if collisions is not None and not isinstance(collisions, CollisionDistances):
-        raise InputError(f"collisions has to be a CollisionDistances, found {type(collisions).__name__}")
-    if not isinstance(search, IkSearch):
-        raise ConfigurationError(f"search: expected an IkSearch, found {short_text(search)}")
     problem = _Problem(reduced, OutputTargets(reduced, targets), hold, limits, collisions, clearance)
     generator = np.random.default_rng(search.seed)
     best: Descent | None = None

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.collision import Obstacle, PairSelection
-from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError, check_extra, short_text
+from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError, check_extra
 from rnc_pin.model.input_validation import NotNegative, Positive, check_instances, is_count
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import OutputTarget
@@ -127,8 +127,6 @@ def find_way(
     """
     if not 0.0 <= clearance < np.inf:
         raise InputError(f"clearance: expected a number of at least 0 m, found {clearance!r}")
-    if not isinstance(settings, WaySettings):
-        raise ConfigurationError(f"settings: expected WaySettings, found {short_text(settings)}")
     _check_stands(obstacles)
     start = validated_configuration(reduced, q0)
     steering = _steering(reduced, start, settings)

@@ -19,6 +19,7 @@ from rnc_pin.applications.command_line.cli import main
 from rnc_pin.applications.scenario.files import built_in_names, find_scenario
 from rnc_pin.robots.robot_files import shipped_directory
 from terminal import results
+from urdf_parts import joint, link, robot, write
 
 SHORT = ["--set", "simulation.duration=0.2"]
 ALONE = ["--set", "comparisons={}"]
@@ -259,6 +260,20 @@ def test_explore_finds_the_answers_of_the_paper_and_writes_scenarios_that_succee
     assert run.verdict.succeeded
     moved = [run.info.outputs.x1.names.index(name) for name in vertical]
     assert np.linalg.norm(run.x1[-1, moved] - run.x1[0, moved]) > 0.03
+
+
+def test_explore_writes_the_use_of_a_joint_that_moves_nothing_else(call, tmp_path):
+    """Such as a gripper or the last joint of a wrist: it is a coordinate itself, and no output is there twice."""
+    wrist = joint("wrist", "slide", "hand", (0.3, 0, 0), "1 0 0")
+    parts = link("world"), joint("rail", "world", "slide", (0, 0, 0), "1 0 0"), link("slide"), wrist, link("hand")
+    urdf, file = write(tmp_path / "arm.urdf", robot(*parts)), tmp_path / "arm.yaml"
+    assert call("init", urdf, "--base", "fixed", "--out", file)[0] == 0
+    status, out, error = call("explore", file, "--primary", "rail", "--write", tmp_path / "use.yaml")
+    assert (status, error) == (0, "")
+    assert "wrist can turn wrist" in out
+    run = rnc.Scenario.load(tmp_path / "use.yaml").run()
+    assert run.verdict.succeeded
+    assert np.ptp(run.q, axis=0).max() > 0.03
 
 
 @pytest.mark.parametrize(("arguments", "words"), [

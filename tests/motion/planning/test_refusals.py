@@ -99,7 +99,7 @@ test_mistakes_are_refused_in_one_line = refused([
     (lambda: ik({"tip_x": 1.0, rnc.FramePosition("tip", "x"): 1.0}), WRONG, "two targets for output"),
     (lambda: ik({"tip_x": 1.0}, search={"starts": 0}), INPUT, "starts has to be a positive integer"),
     (lambda: ik({"tip_x": 1.0}, search={"tolerance": 0.0}), INPUT, "tolerance has to be a number of at least"),
-    (lambda: ik({"tip_x": 1.0}, collisions="all"), INPUT, "collisions has to be a CollisionDistances"),
+    (lambda: ik({"tip_x": 1.0}, collisions="all"), WRONG, "collisions: expected CollisionDistances, found 'all'"),
     (lambda: ik({"tip_x": 1.0}, hold=["jont_1"]), rnc.ModelError, "did you mean 'joint_1'"),
     (lambda: way(knife_box(), start=(1.5, 3.0), obstacles=[LEFT]), NONE, "start is too near: .*/ left are .* m apart"),
     (lambda: way(knife_box(), goal=(1.5, 3.0), obstacles=[LEFT]), NONE, "the goal is too near: .*/ left"),

@@ -79,7 +79,7 @@ class JacobianTransposeSettings(ControllerSettings):
 
     def _build(self, context: ControllerContext) -> BuiltController:
         task, reduced, outputs = context.task, context.reduced, context.task.primary
-        own = {"k1": self.k1, "k2": self.k2, "gamma": self.gamma, "beta": self.beta, "sigma": self.sigma}
+        own = self.values_of("k1", "k2", "gamma", "beta", "sigma")
         with ConfigurationError.at("controller"):
             gains = control.design_position_gains(
                 partial(control.effective_inertia, reduced, outputs=outputs, active=self.active),

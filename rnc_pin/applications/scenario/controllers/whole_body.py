@@ -277,18 +277,11 @@ class InverseDynamicsSettings(WholeBodySettings):
     braking_time: Positive | None = 2.0
 
     def _build(self, context: ControllerContext) -> BuiltController:
-        reduced, simulation = context.reduced, context.simulation
+        reduced = context.reduced
         tasks, limits = self._tasks(context), self.limits.build(context)
         with RncError.at("controller.limits"):
-            program = InverseDynamicsQP(
-                reduced,
-                tasks,
-                limits,
-                dt=simulation.dt,
-                velocity_gain=self.velocity_gain,
-                friction=self.friction,
-                braking_time=self.braking_time,
-            )
+            settings = self.values_of("velocity_gain", "friction", "braking_time")
+            program = InverseDynamicsQP(reduced, tasks, limits, dt=context.simulation.dt, **settings)
         v2 = np.zeros(reduced.r) if context.v2_0 is None else context.v2_0
         problem = program.braking_problem(0.0, context.q0, v2)
         unsafe = () if problem is None else (f"no braking motion from the start keeps all limits: {problem}",)

@@ -77,16 +77,8 @@ class VehiclePath(Strict):
         """
         largest = float(np.tan(self.max_steering) / self.wheelbase)
         geometry = SteeringGeometry(reduced, q0, self.frame, speed=speed, steering=steering, largest=largest)
-        return CarPath(
-            start,
-            self.to,
-            duration,
-            self.wheelbase,
-            via=self.via,
-            max_steering=self.max_steering,
-            forward_only=forward_only,
-            geometry=geometry,
-        )
+        own = self.values_of("wheelbase", "via", "max_steering")
+        return CarPath(start, self.to, duration, forward_only=forward_only, geometry=geometry, **own)
 
 
 class PathSettings(VehiclePath):
@@ -314,6 +306,4 @@ class OptimalPlanner(MotionProblem):
     @property
     def solver(self) -> SolverSettings:
         """Settings of the solver."""
-        return SolverSettings(
-            self.nodes, self.iterations, refinements=self.refinements, accuracy=self.accuracy, reserve=self.reserve
-        )
+        return SolverSettings(**self.values_of("nodes", "iterations", "refinements", "accuracy", "reserve"))

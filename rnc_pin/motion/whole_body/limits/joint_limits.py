@@ -214,7 +214,9 @@ def velocity_to_stop(room: Float[Array, " k"], deceleration: Float[Array, " k"],
 
 @dataclass(frozen=True)
 class AccelerationLimit(ControlLimit):
-    """Limit of the acceleration between two samples: of every reduced velocity, or of joints. A soft limit.
+    """Limit of the acceleration between two samples: of every reduced velocity, or of joints.
+
+    A soft limit: it gives way before hard ones. A run that exceeds it fails, whatever the reason.
 
     Args:
         limit: largest acceleration [rad/s^2 or m/s^2]; one number, or one for each reduced velocity or joint entry, or
