@@ -83,7 +83,7 @@ class VelocityQP(WholeBodyProgram):
         >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
         >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
         >>> reach = rnc.control.tasks.OutputTask(rnc.FramePosition("tip", "xy"), rnc.planning.Hold([1.0, 1.0]))
-        >>> slow = rnc.control.limits.JointVelocityLimit(joints=["joint_1", "joint_2"], limit=0.1)
+        >>> slow = rnc.control.limits.JointVelocityLimit(joints=["joint_1", "joint_2"], limit=0.05)
         >>> controller = rnc.control.VelocityQP(reduced, [reach], [slow], dt=0.01)
         >>> start = reduced.at(robot.configuration({"joint_2": 1.0}), np.zeros(reduced.r)).measure()
         >>> target, state = controller.step(0.0, start, controller.initial_state(start))
