@@ -68,6 +68,7 @@ class ShapePoses:
         # One place, in a control loop: the kernel avoids the overhead of NumPy. Many places share their cost.
         if joints.ndim == 2:
             found = cls.__new__(cls)
+            # Arrays of this object's own: the bounds keep the last poses to see how far bodies have moved.
             found.rotations, found.origins, found.middles = (np.empty(a.shape) for a in (rotations, origins, origins))
             known = joints, carriers, rotations.reshape(-1, 9), origins, centers
             if _kernel.library.shape_poses(*known, found.rotations, found.origins, found.middles):
@@ -152,6 +153,8 @@ class DistanceBounds:
             shift = at.middles - self._last.middles
             # The norm of a difference of rotations is its Frobenius norm over the root of two.
             moved = np.sqrt(np.vecdot(shift, shift)) + np.sqrt(0.5 * np.vecdot(turn, turn)) * self._radii
+            # Both bodies may move towards each other: the bound loses the sum. It grows again only when the pair is
+            # measured or bounded anew.
             self._known -= moved.take(self._first)
             self._known -= moved.take(self._second)
         self._last = at
@@ -179,6 +182,7 @@ class DistanceBounds:
             distances: their measured distances [m].
         """
         tolerance = 1e-5  # [m] of coal's error, with a margin: a measured distance less this is a lower bound
+        # In a control loop, most pairs keep such a bound for many cycles: only the near ones are measured again.
         self._known[pairs] = distances - tolerance
         self._measured[pairs] = True
 
@@ -431,6 +435,7 @@ class CollisionDistances:
             places: place of each pair (k,).
             pairs: indices of the pairs (k,).
         """
+        # coal keeps one pose for each shape: all pairs of a place are measured before the shapes move on.
         ends = np.flatnonzero(np.diff(places, append=-1)) + 1
         return np.concatenate(
             [np.zeros((0, NUMBERS))]
@@ -460,6 +465,7 @@ class CollisionDistances:
         found = _ALWAYS.get(self.robot)
         count, nearly_all = 40, 0.95  # configurations that are looked at, and the share of them
         if found is None:
+            # A fixed seed: the same robot has the same checked pairs in each run.
             generator = np.random.default_rng(0)
             self._use(pairs)
             drawn = [self.robot.random_configuration(generator) for _ in range(count)]
@@ -520,6 +526,8 @@ class CollisionDistances:
             of_it = self.shape_pairs[1][near] == links + k
             if of_it.any():
                 twist, origin = self.obstacles[k].twist(t), self.obstacles[k].placement(t).translation
+                # The nearest point of the obstacle moves with it: this is the rate of the distance that no joint
+                # causes.
                 drift[of_it] = normal[of_it] @ twist[:3] + _cross(b[of_it] - origin, normal[of_it]) @ twist[3:]
         return PairDistances(near, distance, a, b, normal, jacobian, drift)
 
@@ -536,6 +544,7 @@ class CollisionDistances:
 
 def _convex_shapes(robot: Robot, shapes: Sequence[pin.GeometryObject]) -> list[coal.CollisionGeometry]:
     """Convex shapes of the links; a hull is made once for each mesh of a robot."""
+    # Planner, controller and preflight each build distances of the same robot: its hulls are made once.
     if robot not in _HULLS:
         hulls: dict[bytes, coal.CollisionGeometry] = {}
         _HULLS[robot] = [_convex_once(shape, hulls) for shape in shapes]

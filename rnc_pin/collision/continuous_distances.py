@@ -231,6 +231,7 @@ class _Search:
         """First pair that is found below its distance, or that stays uncertain; None for none."""
         entries = self._refined(self._within)
         below = self._best - self._within
+        # A measured violation is certain: it is named before a pair that no bound could decide.
         if below.min(initial=0.0) < 0.0:
             return int(np.argmin(below))
         return int(entries.pair[0]) if len(entries.pair) else None
@@ -238,6 +239,7 @@ class _Search:
     def _refined(self, below: float | Float[Array, " k"]) -> PairEnds:
         """Entries that stay uncertain, or that are left when a pair is found below a distance."""
         most_places = 2_500  # beside the samples: the places of a diverged run have no end
+        # What is left at the limit is uncertain, not free: the result says so.
         entries, most = self._first_look(), len(self._samples) + most_places
         while len(entries.pair) and len(self._places) < most and not (self._best < below).any():
             entries = self._halved(entries)

@@ -115,6 +115,7 @@ def _composite_parts(
     found: list[_Part] = []
     for inner, placement in reversed(list(zip(joint.joints, joint.jointPlacements, strict=True))):
         found += _parts(index, inner, lever, largest)
+        # Inner joints nearer to the root turn everything after them: their levers grow by each link that follows.
         lever += float(np.linalg.norm(placement.translation)) + _reach(inner, largest)
     return found
 
@@ -257,6 +258,7 @@ class SampledMotion:
         begin, end = self.times(places)[rows].T
         moving = end > begin
         parts = np.where(moving, (self._time[samples] - begin) / np.where(moving, end - begin, 1.0), 0.5)
+        # Where no time passes between both ends, the middle of the segment stands for every sample.
         steady = self._manifold.interpolate(starts[rows], ends[rows], parts)
         return rows, self._manifold.difference(steady, self._q[samples])
 
@@ -391,12 +393,14 @@ class PairBounds:
             if shape in columns:
                 carried[shape, columns[shape]] = True
         spinning = distances.spinning
+        # A wheel's own spin does not move its outline: its fast turns must not lower the bounds.
         carried[spinning.shapes, np.array(distances.carriers)[spinning.shapes]] = False
         first, second = distances.shape_pairs
         # The other body is the smaller one: its radius is the lever of rotations. Obstacles are seen from.
         swap = (second >= links) | (distances.radii[first] < distances.radii[second])
         self._from, self._other = np.where(swap, second, first), np.where(swap, first, second)
         self._sign = np.where(swap, -1.0, 1.0)  # of normals, which point from the first to the second body
+        # A joint that carries both bodies moves them together, and one that carries none moves neither.
         self._between: Bool[Array, "k j"] = carried[first] ^ carried[second]
         # Both bounds and measured distances belong to turned shapes, each within a wobble of an exact one.
         self._wobble: Float[Array, " k"] = 4.0 * spinning.wobble[distances.shape_pairs].sum(axis=0)
@@ -467,9 +471,11 @@ class PairBounds:
         found = 0.5 * (before + after - path) - error
         if segments is None:
             return found
+        # Beyond the distance that counts, pairs have a bound and no normal: only the bound by the path holds for them.
         exact = np.flatnonzero(np.isfinite(ends.at_start[:, 1]) & np.isfinite(ends.at_end[:, 1]))
         some = ends.chosen(exact)
         gaps, sines = self._gaps_at_ends(some, placed), _sines(some, placed)
+        # Translations move a point by their full length in any direction; turns about the normal do not close the gap.
         tilt = _tilt(sines, paths.angular[exact], turning[exact])
         moved = paths.linear[exact].sum(axis=1) * np.exp(np.minimum(turning[exact], _LARGEST))
         along = 0.5 * (gaps.sum(axis=1).max(axis=0) - moved - tilt * (path[exact] - moved)) - error[exact]
@@ -478,6 +484,7 @@ class PairBounds:
         curved = 2.0 * turning * path  # bound of the second derivative
         longest = np.minimum(path, self._chords(ends, placed) + 0.25 * curved)
         steady = 0.5 * (before + after - longest)
+        # Each normal gives a gap that is linear in time, less a curvature; the better one of both counts at each time.
         straight = np.minimum(np.minimum(before, after)[exact], _smallest_maximum(*gaps[0], *gaps[1]))
         along = straight - 0.125 * curved[exact] * _tilt(sines, segments.angular[exact], turning[exact])
         steady[exact] = np.maximum(steady[exact], along)

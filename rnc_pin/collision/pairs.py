@@ -88,6 +88,7 @@ def select_pairs(
     for first, second in combinations(range(len(names)) if selection.links else (), 2):
         a, b = joints[first], joints[second]
         pair = names[first], names[second]
+        # Both shapes are on one rigid body: their distance never changes.
         if a == b:
             continue
         if wanted is not None:
