@@ -35,7 +35,7 @@ _DPI = 160
 _QUICKLY = {"compress_level": 1}  # of PNG files: a fifth less time, and a fifth more bytes
 
 
-def style(font: float = _SCREEN) -> dict[Any, Any]:
+def style(font: float = _SCREEN) -> dict[Any, object]:
     """Settings of Matplotlib for text of a size [points]. Sizes are numbers, so that a later ``savefig`` keeps them.
 
     Args:

@@ -251,6 +251,7 @@ def output_candidates(
         start: start values of its joints with one degree of freedom [rad or m].
     """
     used = [entry["joint"] for entry, _ in mobility.outputs if "joint" in entry]
+    # False sorts before True: joints with a motor are preferred, in the order of the file.
     joints = sorted((name for name in start if name not in used), key=lambda name: name in mobility.passive)
     return [*mobility.outputs, *(({"joint": name}, _step(robot, name, start[name])) for name in joints)]
 
@@ -281,6 +282,7 @@ def select_outputs(
         chosen.entries.append(entry)
         chosen.kinds.append(kind)
         chosen.names += bound.names
+        # An output of several rows moves along its first one.
         chosen.steps += [step] + [0.0] * (len(added) - 1)
     if len(chosen.names) < system.r:
         raise ConfigurationError(
@@ -291,6 +293,7 @@ def select_outputs(
 
 def _independent(rows: np.ndarray, added: np.ndarray) -> bool:
     for row in added:
+        # The part of a unit row outside the span of the others is as long as the sine of its angle to them.
         rest = row - (np.linalg.lstsq(rows.T, row, rcond=None)[0] @ rows if len(rows) else 0.0)
         if np.linalg.norm(rest) < INDEPENDENT:
             return False

@@ -182,6 +182,7 @@ def joint_range(robot: Robot, name: str, leaders: tuple[str, ...] = ()) -> tuple
     low, high = joint_limits(robot, name)
     leaders = (*leaders, name)
     for follower in robot.mimics:
+        # Mimic joints of a file may form a circle: each joint counts once.
         is_new = follower.joint in robot.joint_names and follower.joint not in leaders
         if follower.of == name and follower.multiplier and is_new:
             reach = joint_range(robot, follower.joint, leaders)
@@ -260,6 +261,7 @@ class DriveEvidence:
             return joint in self.driven
         if joint in self.named:
             return True
+        # A file that lists motors joint by joint would list this one too.
         return False if self.is_list else None
 
     def drives(self, joint: str) -> bool:
@@ -269,6 +271,7 @@ class DriveEvidence:
             joint: name of the joint.
         """
         said = self.says(joint)
+        # Where a plugin names some joints, those that it leaves out probably turn freely.
         if said is None and self.named:
             return False
         return self.efforts.get(joint, 0.0) > 0 if said is None else said
@@ -366,6 +369,7 @@ def mimic_drivers(robot: Robot, drives: DriveEvidence) -> dict[str, str]:
     for leader, followers in groups.items():
         able = [leader, *(each for each in followers if each not in still)] if leader in robot.joint_names else [leader]
         driver = max(able, key=drives.strength)
+        # One motor moves the whole group, whatever efforts the file gives to the others.
         drivers |= {joint: driver for joint in (leader, *followers) if joint != driver}
     return drivers
 
@@ -389,6 +393,7 @@ def named_as_driven(robot: ElementTree.Element) -> tuple[dict[str, str], bool]:
     sources = {".//ros2_control/joint[command_interface]": "ros2_control", ".//transmission/joint": "a transmission"}
     found = ((str(each.get("name")), source) for path, source in sources.items() for each in robot.iterfind(path))
     listed = {joint: source for joint, source in found if joint in joints}
+    # A transmission says more than a plugin, whose names may be those of the base alone.
     return {**{joint: "a plugin" for joint in _plugins(robot) if joint in joints}, **listed}, bool(listed)
 
 

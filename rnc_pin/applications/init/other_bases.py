@@ -68,6 +68,7 @@ def balance_decision(layout: WheelLayout, at_start: RobotAtStart, asked: bool | 
     efforts = [effort_limit(at_start.robot, wheel.joint) for wheel in layout.fixed]
     stated = sum(each for each in efforts if 0 < each < NO_LIMIT)
     needed = _holding_torque(layout, at_start)
+    # Wheels that cannot hold the body at a small tilt cannot balance it.
     if stated and needed > stated:
         need = f"it takes {needed:.2g} N m at a tilt of 0.1 rad, and its wheels have {stated:.2g} N m"
         return DraftDecision(question, "no", GUESSED, f"{need}: a caster may be missing in the file", (yes,))
@@ -113,6 +114,7 @@ def balancing_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptio
         "state_cost": cost,
         "input_cost": _input_cost(layout, at_start),
     }
+    # The run starts with a small tilt: an upright start at rest would show nothing of the balance.
     result.lean = wheels[0].axle
     result.notes.append(
         "only two wheels touch the ground: feedback balances the base about the equilibrium near the start; "
@@ -195,6 +197,7 @@ def bicycle_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions
 
 def _lie_down(result: BaseAssumptions, wheels: list[Wheel]) -> None:
     """Put the base at the height where the wheels touch the ground, and lock all other joints."""
+    # Radii and heights of a file differ by rounding: no single wheel decides.
     height = median(float(wheel.radius - wheel.center[2]) for wheel in wheels)
     result.initial["root_joint"] = [0.0, 0.0, round(height, 6), 0.0, 0.0, 0.0, 1.0]
     result.ground = 0.0
@@ -248,6 +251,7 @@ def _holding_torque(layout: WheelLayout, at_start: RobotAtStart) -> float:
     """Torque that holds the body at a tilt of 0.1 rad [N m]."""
     above, _ = _center_of_mass(layout, at_start)
     weight = 9.81 * sum(inertia.mass for inertia in at_start.robot.model.inertias)
+    # At least one radius: a center of mass at the axle would make the cost of inputs infinite.
     return float(0.1 * weight * max(above, layout.fixed[0].radius))
 
 

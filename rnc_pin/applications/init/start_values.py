@@ -87,9 +87,11 @@ def keep_within_loops(
         usual = chosen.steps[row]
         if name not in coupled or not usual:
             continue
+        # Most robots have no loop: the model is reduced for the first one.
         reduced = reduced or system.reduce(chosen.kinds)
         step, found = usual, _reach(reduced, q, row, usual)
         if found.end:
+            # Beside a dead centre on one side, there is often room on the other.
             other = _reach(reduced, q, row, -usual)
             step, found = (-usual, other) if other.share > found.share else (usual, found)
         chosen.steps[row] = round(step * (of_reach * found.share if found.end else 1.0), 4)
@@ -125,6 +127,7 @@ def _reach(reduced: ReducedModel, q: np.ndarray, row: int, step: float) -> _Reac
         try:
             v = reduced.at(q).velocity(rate)
             ahead = pin.integrate(robot.model, q, v)
+            # A step along a velocity leaves the loop by an error of second order: the assembly closes it again.
             q = reduced.assembled(ahead)
         except RncError:
             return _Reach(share, "at a dead centre")
@@ -248,6 +251,7 @@ def with_regular_inertia(robot: Robot, start: Mapping[str, float]) -> tuple[_Val
 def _smallest_eigenvalue(robot: Robot, start: Mapping[str, float]) -> float:
     """Smallest eigenvalue of the inertia matrix with ones on its diagonal."""
     M = pin.crba(robot.model, robot.model.createData(), robot.configuration(start))
+    # A zero on the diagonal cannot be scaled to one: the matrix is singular.
     if not np.diag(M).all():
         return 0.0
     return float(np.linalg.eigvalsh(unit_diagonal(M))[0])
@@ -282,6 +286,7 @@ def with_bearable_loads(robot: Robot, start: Mapping[str, float], joints: Collec
         beyond = [_loads(robot, {**values, name: value}, limits) - bearable for name, value in tried]
         overloads = [float((np.maximum(each, 0.0) ** 2).sum()) for each in beyond]
         away = [abs(value - values[name]) for name, value in tried]
+        # Overloads are rounded: of starts that are equally good, the one nearest to the usual start counts.
         best = min(range(len(tried)), key=lambda each: (round(overloads[each], 9), away[each]))
         values = _with_mimics(robot, {**values, tried[best][0]: tried[best][1]})
         if overloads[best] == 0.0:
@@ -305,6 +310,7 @@ def is_loaded(robot: Robot, q: np.ndarray, joints: Collection[str]) -> bool:
     weights = [data.mass[robot.joint_id(name)] for name in joints]
     lever = 1e-4  # gravity loads a joint above this lever arm of the weight behind it [m]; for a slide, share of it
     least = np.maximum(np.linalg.norm(model.gravity.linear) * lever * np.array(weights), 1e-6)
+    # The same poses each time: a draft does not change by chance.
     generator = np.random.default_rng(0)
     beside = [q]
     poses, aside = 4, 0.5  # number of random poses, and their distance from the start [rad or m]

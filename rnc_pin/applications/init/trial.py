@@ -152,6 +152,7 @@ def model_findings(
         message = f"its rows are nearly dependent, so that the remaining motion may not be the intended one: {rows}"
         found.append(_model(rows, system.row_margin, severity, message))
     radii = [radius for entry, _ in mobility.constraints for radius in _radii(entry)]
+    # One odd wheel is no sign of wrong units.
     typical = median(radii) if radii else 1.0
     if not 0.002 < typical < 5.0:  # [m]: other radii are probably in other units
         message = f"its wheels have a radius of {typical:g} m: lengths in a robot's file are in metres"
@@ -181,6 +182,7 @@ def run_findings(trial: Trial, trajectory: Trajectory, mobility: BaseAssumptions
         severity = Severity.FAILS if trial.relative_error >= LOST else Severity.DEGRADES
         message = f"its run {trial.failure_text}"
         found.append(Finding(FindingKind.GOAL, trial.output, trial.error, "", None, severity, message))
+    # A short trial sees only the slow beginning of a minimum-jerk motion.
     asked = mobility.travel * _share(trial.duration / DURATION, steady=bool(mobility.v2))
     if asked and trial.duration >= MEANINGFUL:
         path = frame_poses(robot, mobility.frame, trajectory.q).planar[:, :2]
