@@ -84,3 +84,13 @@ def test_rows_that_do_not_act_move_nothing():
     level = TaskLevels(np.array([[1e-200, 0.0]]), np.ones(1), np.array([1]))
     found = solve_cascade(level, bounds, 0.0, sampled=SampledDamping(0.01, np.ones(1), np.ones(1)))
     np.testing.assert_allclose(found.unknowns, [0.1, 0.0], atol=1e-12)
+
+
+def test_a_level_that_is_nearly_attained_within_a_limit_does_not_slow_lower_levels():
+    """The second row leaves a small residual, which damps a little."""
+    bounds = ProgramBounds(np.eye(3), np.full(3, -10.0), np.array([0.9, 10.0, 10.0]), np.arange(3), 3)
+    first = np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 0.0]]), np.array([2.0, 1e-4])
+    levels = stacked([first, (np.array([[0.0, 0.0, 1.0]]), np.array([5.0]))])
+    sampled = SampledDamping(0.1, np.array([1.0, 0.0]), np.array([1.0, 1.0, 0.0]))
+    found = solve_cascade(levels, bounds, 0.0, sampled=sampled)
+    np.testing.assert_allclose(found.unknowns, [0.9, 1.1, 5.0], atol=1e-3)
