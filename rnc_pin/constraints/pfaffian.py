@@ -87,6 +87,7 @@ class FixedRows(Rows):
         return self._output.bias_acceleration_gradient(at)
 
     def residual(self, at: PositionKinematics) -> Array:
+        # A quasi-velocity has no value whose drift could be removed.
         if self._output.quasi:
             return self._zeros(at)
         return -self._coordinates.difference(self._wanted(at), self._output.value(at))

@@ -326,6 +326,7 @@ class MissedGoal(NamedTuple):
             reason: why, for the message of the verdict.
         """
         found = sorted(errors.items(), key=lambda item: -item[1])
+        # ``not <=`` holds for NaN too: an error that is not known is a missed goal.
         return tuple(cls(name, error, tolerance, reason) for name, error in found if not error <= tolerance)
 
 
@@ -406,6 +407,7 @@ def missed_goals(
         q: configuration (nq,).
         v2: reduced velocity (r,).
     """
+    # The outermost one: a controller may have other goals than its target.
     found = next((each for each in nested(controller) if isinstance(each, Ending)), None)
     return () if found is None else tuple(found.missed_goals(t, q, v2))
 

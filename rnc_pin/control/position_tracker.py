@@ -110,6 +110,7 @@ class PositionTracker(DescribedMixin):
         step = np.broadcast_to(self.gains.beta * error, error.shape)
         return PositionState(
             time=None,
+            # So that w is zero: a filter at rest adds no force to the first sample.
             z=-(gamma**2) * error,
             f=-step,
             A=nothing - step[..., :, None] * point.acceleration,
@@ -182,6 +183,7 @@ class PositionTracker(DescribedMixin):
         B: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Primed f, A and B (8), frozen in the dead zone and where adaptation increases a saturated force."""
+        # Primed parts contain the reference of the last sample: a force stays as it is only if they follow the new one.
         before = desired if state.time is None else self.reference.at(state.time)
         w, w_before = _regressor(desired), _regressor(before)
         # Primed values for an unchanged learnt force.

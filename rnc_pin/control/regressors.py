@@ -158,6 +158,7 @@ class WheelRegressor:
         for entry in self._unknown:
             if entry.radius is not None:
                 entry.rows.radius = 1.0
+        # All rows at first: their values tell which of them depend on a parameter.
         self._wheels = self._unknown
         self._wheels = self._informative_wheels(robot)
         self.predicted = tuple(wheel.rows.names[row] for wheel in self._wheels for row in wheel.kept)
@@ -296,6 +297,7 @@ def _axles(robot: Robot, column: int, first: str, second: str) -> dict[str, _Axl
     centres, offsets = [], []
     for wheel, frame, joint in zip((first, second), frames, joints, strict=True):
         offset = model.jointPlacements[joint].rotation @ frame.placement.translation
+        # A centre beside the axis of its joint moves as the wheel turns: the axle has no fixed length.
         if not _turns_about(robot, joint, frame.placement.translation):
             raise ConfigurationError(f"{pair} have no fixed track: frame '{wheel}' is not on the axis of its joint")
         centres.append(model.jointPlacements[joint].translation + offset)
@@ -450,6 +452,7 @@ class MomentumRegressor:
             momentum = data.oMi[joint].act(unit * data.v[joint]).vector
             column[:] = momentum.dot(data.J[:, rows]) if moved else 0.0
         others = v.copy()
+        # Momentum of the known bodies by the other joints alone: the rates of the base are solved for.
         others[rows] = 0.0
         columns[0] = A.dot(others)
         solved = np.linalg.solve(A[:, rows], columns.T)

@@ -287,6 +287,7 @@ class CompiledArraysAtQ(ArraysAtQ):
         self.kernel, self.q, self.kinematics, self.inverse = kernel, q, kinematics, inverse
         self._position, self._calls, self._output_values = position, kernel.calls, output_values
         self.batch = q.shape[:-1]
+        # Evaluations hand out views of these records.
         kinematics.setflags(write=False)
         inverse.setflags(write=False)
 
@@ -319,6 +320,7 @@ class CompiledArraysAtQ(ArraysAtQ):
     def velocity(self, at: Configurations, v2: Array) -> Array | None:
         """Full velocity (..., nv); None for velocities (..., r) with more axes."""
         v2 = np.ascontiguousarray(v2, float)  # a controller may give integers, or a column of a matrix
+        # The kernel takes one velocity for each configuration; NumPy broadcasts all others.
         if v2.shape[:-1] != self.batch:
             return None
         data = self.kernel.data

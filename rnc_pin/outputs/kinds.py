@@ -43,10 +43,15 @@ class FramePosition:
     axes: Axes = "xyz"
 
     def bind(self, robot: Robot) -> OutputRows:
-        chosen = [axis_index(axis) for axis in self.axes]
-        if not chosen or len(set(chosen)) != len(chosen):
-            raise ConfigurationError(f"axes '{self.axes}' of frame '{self.frame}': name each of x, y, z at most once")
-        return _PositionRows(self, robot, chosen)
+        return _PositionRows(self, robot, _chosen_axes(self.axes, f"frame '{self.frame}'"))
+
+
+def _chosen_axes(axes: str, whose: str) -> list[int]:
+    """Indices of world axes, each named once."""
+    chosen = [axis_index(axis) for axis in axes]
+    if not chosen or len(set(chosen)) != len(chosen):
+        raise ConfigurationError(f"axes '{axes}' of {whose}: name each of x, y, z at most once")
+    return chosen
 
 
 class _PositionRows(FrameVelocityRows, OutputRows):
@@ -97,6 +102,7 @@ class _OrientationRows(FrameVelocityRows, OutputRows):
     def __init__(self, kind: FrameOrientation, robot: Robot) -> None:
         super().__init__(robot, kind.frame, (3, 4, 5))
         self.names = tuple(f"{kind.frame}_orientation_{axis}" for axis in "xyz")
+        # Differences of rotation vectors are no errors: ``rotation`` has them compared on SO(3).
         self.angular = (False,) * 3
 
     def value(self, at: PositionKinematics) -> np.ndarray:
@@ -478,10 +484,7 @@ class CenterOfMass:
     axes: Axes = "xyz"
 
     def bind(self, robot: Robot) -> OutputRows:
-        chosen = [axis_index(axis) for axis in self.axes]
-        if not chosen or len(set(chosen)) != len(chosen):
-            raise ConfigurationError(f"axes '{self.axes}' of the centre of mass: name each of x, y, z at most once")
-        return _CenterOfMassRows(robot, chosen)
+        return _CenterOfMassRows(robot, _chosen_axes(self.axes, "the centre of mass"))
 
 
 class _CenterOfMassRows(OutputRows):
@@ -554,6 +557,7 @@ class _CustomRows(OutputRows):
         self.quasi = kind.value is None
         self._shape, whose = (size, robot.nv), f" of output {self.names}"
         self._jacobian = admitting(kind.jacobian, self._shape, f"jacobian(q){whose}")
+        # One call at once: a wrong shape is told where the output is made, not in the first step of a run.
         self._jacobian(robot.configuration())
         if kind.value is not None:
             self._value = admitting(kind.value, self._shape[:1], f"value(q){whose}")

@@ -51,6 +51,7 @@ def simulate_batch(arguments: RunArguments) -> list[Trajectory]:
     found = {} if plant is None else _Batch(runs, plant).trajectories()
     for number, run in enumerate(runs):
         if number not in found:
+            # After Ctrl-C the runs that are left over do not begin: they end as interrupted, too.
             interrupted = any(each.outcome is Outcome.INTERRUPTED for each in found.values())
             found[number] = _alone(_started(number, run), 0 if interrupted else run.samples)
     return [found[number] for number in range(len(runs))]

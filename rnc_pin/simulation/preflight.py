@@ -297,6 +297,7 @@ def friction_demand(rollout: RolloutEvaluation, grip: Grip) -> FrictionDemand:
     used = float(now[when, which])
     time_scale = 1.0
     if used > 1.0 + _CLOSE:
+        # Inertial forces fall with the square of the time scale: where gravity has no part, its root is exact.
         time_scale = _least_time_scale(lambda s: float(grip.used_at(*rollout.slowed(s)).max()), np.sqrt(used))
     return FrictionDemand(
         used, grip.names[int(which)], float(rollout.inner_times[when]), time_scale, rollout.lift_off(grip.normal)

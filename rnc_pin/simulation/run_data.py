@@ -226,6 +226,7 @@ def _check(arrays: dict[str, np.ndarray], outputs: OutputNames) -> None:
             raise ConfigurationError(f"'meta' does not have the units of the columns of '{kind}'")
     if 3 * len(outputs.ground_poses) != arrays["ground_poses"].shape[1]:
         raise ConfigurationError("'meta' does not name the columns of 'ground_poses'")
+    # All other arrays may have NaN, where a plant or a controller does not know a value.
     if not all(np.isfinite(arrays[name]).all() for name in ("time", "q", "v2")):
         raise ConfigurationError("it holds values that are not finite")
     if (np.diff(arrays["time"]) < 0).any():

@@ -206,6 +206,7 @@ class Provenance:
     def to_json(self) -> dict[str, Json]:
         """Return the JSON form."""
         known = {name: getattr(self, name) for name in _names(self) if name != "more"}
+        # Empty mappings are left out of the file, as None is.
         known |= {"estimates": self.estimates or None, "predicted": self.predicted or None}
         known = {name: each for name, each in known.items() if each is not None}
         return to_json_mapping({**known, **self.more}, "meta")
@@ -217,6 +218,7 @@ class Provenance:
         Raises:
             ConfigurationError: a known key has a value of the wrong type.
         """
+        # What is left over are the caller's own keys: they return to where they were.
         known = {*_names(cls), *_names(RunInfo), *_names(_ColumnNames)} - {"more", "outputs", "provenance"}
         return _read(cls, {**content, "more": {key: each for key, each in content.items() if key not in known}})
 

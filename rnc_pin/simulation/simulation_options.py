@@ -239,6 +239,7 @@ class SimulationOptions:
             if option not in LoopOptions.__annotations__:
                 hint = nearest(str(option), LoopOptions.__annotations__)
                 raise ConfigurationError(f"loop: no option '{option}'{hint}")
+        # A copy: the caller may change the mapping between two runs.
         object.__setattr__(self, "loop", dict(self.loop))
         if self.observer is not None and not callable(self.observer):
             raise ConfigurationError(f"observer: expected a function of a Sample, found {type_name(self.observer)}")

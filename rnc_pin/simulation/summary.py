@@ -180,6 +180,7 @@ def summarize(trajectory: RunData, wall_time: float | None = None) -> Summary:
         ]
     if trajectory.estimates.shape[1] and len(trajectory.time):
         _add_learning(summary, trajectory)
+    # A TypedDict has no methods: the mapping that prints itself has the same keys.
     return cast(Summary, PrintedSummary(summary, info.outputs))
 
 
@@ -234,6 +235,7 @@ def add_verdict(summary: Summary, verdict: Verdict) -> None:
     summary["verdict"] = verdict.word
     summary["findings"] = [each.to_json() for each in verdict.findings]
     summary["accepted"] = sorted(map(str, verdict.accepted))
+    # Times of a clock only for a caller who asks for them: apart from these, equal runs have equal summaries.
     if verdict.late is not None and summary["wall_time"] is not None:
         summary["late"] = verdict.late.to_json()
     if verdict.first is not None:

@@ -280,9 +280,9 @@ class ControlLoop(ReprMixin):
 
     def _reject(self, t: float, problem: str, v: Array | None) -> Array:
         if self.settings.fallback == "raise":
-            raise InputError(f"measurement at t = {t:g} s: {problem}" if is_time(t) else problem)
+            raise InputError(f"measurement at t = {t:g} s: {problem}" if is_number(t) else problem)
         before, last = self.state, 0.0 if self.state.time is None else self.state.time
-        runs = is_time(t) and (before.time is None or t > last)
+        runs = is_number(t) and (before.time is None or t > last)
         now = t if runs else last
         since = now if before.invalid_since is None else before.invalid_since
         if not runs and before.invalid_since is not None:
@@ -464,7 +464,7 @@ class Guard:
         Raises:
             InvalidMeasurementError: the measurement is invalid.
         """
-        if not is_time(t):
+        if not is_number(t):
             raise InvalidMeasurementError(f"time is {t!r}, expected a finite number")
         elapsed = None if before.time is None else t - before.time
         if elapsed is not None and elapsed <= 0:
@@ -499,11 +499,6 @@ class Guard:
         if not speed < self._max_speed:
             raise InvalidMeasurementError(f"v reaches {speed:.3g} rad/s or m/s, expected less than {self._max_speed:g}")
         return v
-
-
-def is_time(t: float) -> bool:
-    """True if t is a finite number."""
-    return is_number(t)
 
 
 def _numbers(name: str, value: ArrayLike, size: int) -> Array:

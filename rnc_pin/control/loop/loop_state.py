@@ -122,6 +122,7 @@ def check_state(state: LoopState, reduced: ReducedModel) -> None:
         raise InputError(f"expected a LoopState, found {type(state).__name__}")
     r, p, q, v = np.zeros(reduced.r), np.zeros(reduced.p), reduced.robot.configuration(), np.zeros(reduced.n)
     motion, late = VelocityEstimate(q, v, v), LateTicks(0, 0, 0.0, 0.0)
+    # A valid value of each field: types and shapes are compared with it.
     valid = LoopState(0.0, 0.0, q, r, r, motion, p, p, None, 0.0, "", False, late)
     for name, found, model in zip(LoopState._fields, state, valid, strict=True):
         if name != "controller":
@@ -272,6 +273,7 @@ def _read_state(path: Path, initial_state: Callable[[Array], State]) -> tuple[Lo
     try:
         arrays = read_npz(path, text=[_STRUCTURE], largest=_MOST_BYTES)
         structure = json.loads(str(arrays.pop(_STRUCTURE)))
+        # The only types that a file can name: it may come from anywhere.
         known: dict[str, type] = {each.__qualname__: each for each in (tuple, LoopState, LateTicks, VelocityEstimate)}
         fields = dict(zip(LoopState._fields, structure["items"], strict=True))
         q = _unpack(fields["q"], arrays, known)
@@ -319,6 +321,7 @@ def restore(path: Path, reduced: ReducedModel, controller: Controller) -> LoopSt
         raise
     except RncError as error:
         raise ConfigurationError(f"{path}: the state does not fit this loop: {error}") from None
+    # This text comes from a file, and terminals obey control characters.
     return state if state.fault is None else state._replace(fault=printable(state.fault))
 
 
@@ -338,5 +341,6 @@ def _check_trial_step(state: LoopState, reduced: ReducedModel, controller: Contr
         raise
     except Exception as error:  # a state of the wrong shape can raise any error
         raise InputError(f"the controller raises {type(error).__name__}: {error}") from None
+    # The shapes of a controller's state are known from itself alone: at its start, and after a step.
     _check_memory(state.controller, initial, after)
     input_of(reduced, here, command)

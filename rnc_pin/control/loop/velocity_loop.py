@@ -55,6 +55,7 @@ class VelocityInputLoop(ControlLoop):
     ) -> None:
         super().__init__(reduced, controller, dt, **options)
         if self.limits is None:
+            # Limits in a robot's file are efforts, and inputs here are velocities.
             self._fallback_limits = np.full(reduced.p, np.inf)
 
     def _braking_input(self, v: Array | None) -> Array:
@@ -123,6 +124,7 @@ class VelocityLoop(VelocityInputLoop):
         self._commanded = velocity == "commanded"
         measured = "measured" if velocity == "commanded" else velocity
         controller = ActuatorVelocityController(reduced, target, limits)
+        # The controller keeps the limits, by a scale of v2: to clip single inputs would break the constraints.
         super().__init__(reduced, controller, dt, velocity=measured, limits=False, fallback=fallback, **options)
         robot = reduced.robot
         self._base = None if base is None else robot.frame_id(base)
@@ -166,6 +168,7 @@ class VelocityLoop(VelocityInputLoop):
     def _velocity(self, u: Array | None) -> Array:
         """Velocity (nv,) of the robot with actuator velocities u, at the last valid configuration."""
         state, last = self.state, self.last
+        # The command itself, where there is one: to solve for it from the inputs would add rounding.
         if last is not None and state.fault is None and last.command.v2_desired is not None:
             return np.array(last.state.configuration.velocity(last.command.v2_desired))
         if state.q is None or u is None or not u.any():
