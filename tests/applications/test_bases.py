@@ -106,7 +106,7 @@ USES = {
     "twist": twisted,
 }
 ONLY = {"drive sideways": SLIDING, "pose aside": SLIDING, "plan through a door": ["car with trailer"]}
-ONLY |= {"way": {*BASES} - {"car with trailer"}, "plan": {*BASES} - {"turret"}}  # ``docs/own_robot.md`` says why
+ONLY |= {"way": {*BASES} - {"car with trailer"}}  # ``docs/own_robot.md`` says why
 
 
 def sideways(base, robot, q, v):

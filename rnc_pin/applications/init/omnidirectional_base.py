@@ -34,7 +34,7 @@ def turret_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
     """Body on casters above a driven turret: two wheels side by side, on a pivot that is driven too.
 
     If the axle is beside the pivot, the body moves in any direction; if it is below the pivot, the turret has to turn
-    first, and the outputs are its speed and its heading.
+    first, and the outputs are its speed, the angle of the turret and the heading of the body.
 
     Args:
         layout: wheels by their function.
@@ -48,14 +48,14 @@ def turret_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
     pivot = unit.pivot
     result.steer(pivot.joint, "turns the turret")
     frame = body_frame(at_start.robot, pivot.index)
-    speed: dict[str, Json] = {"frame": frame, "axis": at_start.along(unit.wheels[0].heading, frame)}
-    result.add_planar_pose_outputs()
-    driven: dict[str, Json] = {"frame_speed": speed}
+    if abs(pivot.offset(unit.wheels[0].center) @ unit.wheels[0].heading) > 0.1 * unit.wheels[0].radius:
+        result.add_planar_pose_outputs()
+    axis = at_start.along(unit.wheels[0].heading, frame)
+    driven: dict[str, Json] = {"frame_speed": {"frame": frame, "axis": axis}}
     result.outputs += [(driven, DRIVEN), ({"frame_yaw": result.frame}, TURNED), ({"joint": pivot.joint}, BENT)]
     wheeled_base.support_by_casters(result, layout)
     result.vertical.append({"frame_position": {"frame": result.frame, "axes": "xy"}})
-    evidence = "its pivot carries all driven wheels, and the other wheels are casters"
-    question = "Is the pivot of the driven wheels driven?"
+    question, evidence = "Is the turret driven?", "it carries all driven wheels, and the other wheels are casters"
     result.decide(question, f"yes, {pivot.joint}", LIKELY, evidence, _as_casters([pivot.joint]))
     return result
 
