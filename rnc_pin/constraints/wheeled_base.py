@@ -3,7 +3,8 @@
 The velocity has three parts: the base, its pivots, and the followers. A row of ``A v = 0`` is a guide if no other joint
 than the base moves in it: it limits the twist itself, such as the row against side slip of an axle. A joint is a pivot
 if a guide depends on its angle, and if it turns while the base rests. All other joints follow: wheels, linkages,
-hitches. Names do not matter.
+hitches. A joint that carries wheels which are steered one by one, such as a cart under a load, rests: the wheels are
+aimed as if it were fixed. Names do not matter.
 """
 
 from __future__ import annotations
@@ -51,6 +52,8 @@ class BaseMotion(NamedTuple):
     """Guides with pivots, per scaled twist; their linear parts have length one."""
     slopes: Float[Array, "g 3"]
     """Derivatives of the guides with respect to the angles of their pivots [1/rad]."""
+    resting: Float[Array, "2 g h"]
+    """Guides and slopes per scaled rate of the joints that rest."""
     turning: Float[Array, "nv k"]
     """Velocities while one pivot turns at unit rate and the base rests."""
     moving: Float[Array, "nv 3"]
@@ -87,6 +90,7 @@ class WheeledBase:
         base: indices in v of the base's velocities, (3,).
         steering: indices in v of all joints that steer.
         pivots: indices in v of the joints that are aimed, (k,).
+        resting: indices in v of joints that rest, (h,).
         aims: for each pivot, the index of the guide that aims it, (k,).
         kept: for each pivot, True if its guide is a row of the model, and not one of a wheel without a lateral row.
         slides: True if the rows hold the base sideways at all angles of its pivots, so that it may move to any side.
@@ -128,11 +132,11 @@ class WheeledBase:
         state = self.reduced.at(q)
         position, hard = state.position, ~self._is_guide[state.kept]
         rows, to_base = state.A[hard] * self._scales[state.kept[hard]], self._to_base(position)
-        guides, slopes = np.zeros((2, self._weights.size, 3))
+        guided = np.zeros((2, self._weights.size, self.reduced.n))
         if len(self.pivots):
             turned = position.with_velocity(self._turned)
-            guides = (self._guides.jacobian(position) * self._weights)[:, self.base] @ to_base
-            slopes = (self._guides.jacobian_dot(turned) * self._weights)[:, self.base] @ to_base
+            guided = np.array([self._guides.jacobian(position), self._guides.jacobian_dot(turned)]) * self._weights
+        guides, slopes = guided[:, :, self.base] @ to_base
         U, values, Vt = np.linalg.svd(rows[:, self._followers])
         rank = int((values > _RANK * values[0]).sum()) if len(values) else 0
         # What the followers do for each motion of the base: the pseudoinverse leaves out combinations that only
@@ -146,7 +150,7 @@ class WheeledBase:
         turning[self.pivots, np.arange(len(self.pivots))] = 1.0
         turning[self._followers] = -solved @ rows[:, self.pivots]
         free = directions[int((limits > _ROUNDED).sum()) :].T
-        return BaseMotion(position, free, guides, slopes, turning, moving)
+        return BaseMotion(position, free, guides, slopes, guided[:, :, self.resting] / self.length, turning, moving)
 
     def rows(self, q: Float[Array, " nq"]) -> tuple[Float[Array, "m nv"], Float[Array, "3 3"]]:
         """Independent rows (m, nv) at a configuration (nq,), scaled, and the base's velocities (3, 3) per twist."""
@@ -188,11 +192,11 @@ class WheeledBase:
 
     def independence(self, motion: BaseMotion, turn: Float[Array, " k"]) -> float:
         """Smallest singular value of the guides of the model after turns of the pivots; infinite for one guide."""
-        aims, own = self.aims[self.kept], self.kept
+        aims, angles = self.aims[self.kept], turn[self.kept, None]
         if len(aims) < 2:
             return np.inf
-        turned = motion.guides[aims] * np.cos(turn[own])[:, None] + motion.slopes[aims] * np.sin(turn[own])[:, None]
-        return float(np.linalg.svd(turned, compute_uv=False)[-1])
+        rows, slopes = np.concatenate([[motion.guides, motion.slopes], motion.resting], axis=2)[:, aims]
+        return float(np.linalg.svd(rows * np.cos(angles) + slopes * np.sin(angles), compute_uv=False)[-1])
 
     # ------------------------------------------------------------------ structure
 
@@ -231,28 +235,24 @@ class WheeledBase:
 
     def _find_pivots(self, samples: Sequence[PositionKinematics]) -> None:
         found = np.array([self._rows.jacobian(each) * self._scales for each in samples])
-        # A guide has entries of the base alone, at every configuration.
-        moved = np.abs(found[:, :, self._others]).max(axis=(0, 2), initial=0.0)
+        moves, unit = np.abs(found).max(axis=0) > _ROUNDED * self.length, np.eye(found.shape[2])
         still = np.abs(found[:, :, self.base]).max(axis=(0, 2)) <= _ZERO
-        is_guide = (moved <= _ROUNDED * self.length) & ~still
-        rows, unit = found[:, : self._own][:, ~is_guide[: self._own]], np.eye(found.shape[2])
         depends = np.zeros((found.shape[1], found.shape[2]), dtype=bool)
         for joint in self._others:
             rates = [self._rows.jacobian_dot(each.with_velocity(unit[joint])) * self._scales for each in samples]
             slopes = [rate[:, self.base] @ self._to_base(each) for rate, each in zip(rates, samples, strict=True)]
             depends[:, joint] = np.abs(slopes).max(axis=(0, 2)) > _ZERO
-        self.steering = steers = [
-            joint for joint in self._others if depends[is_guide, joint].any() and self._turns(rows, joint, [])
-        ]
-        pivot_of = {  # the last joint is the nearest to the wheel
-            int(row): max(joints)
-            for row in np.flatnonzero(is_guide)
-            if (joints := [joint for joint in steers if depends[row, joint]])
-        }
+        self.resting = [int(each) for each in self._others if self._rests(each, moves, depends, found[:, still])]
+        self._others = np.setdiff1d(self._others, self.resting)
+        # A guide has entries of the base and of joints that rest, at every configuration.
+        is_guide = ~moves[:, self._others].any(axis=1) & ~still
+        rows = found[:, : self._own][:, ~is_guide[: self._own]]
+        steers = [each for each in self._others if depends[is_guide, each].any() and self._turns(rows, each, [])]
+        self.steering, steered = steers, np.flatnonzero(is_guide & depends[:, steers].any(axis=1))
+        # The last joint is the nearest to the wheel.
+        pivot_of = {int(row): max(each for each in steers if depends[row, each]) for row in steered}
         towed = np.setdiff1d(self._others, steers)
-        self._belongs = np.asarray(
-            ~depends[:, towed].any(axis=1)
-        )  # rows of wheels on the base, not on trailers and casters
+        self._belongs = np.logical_not(depends[:, towed].any(axis=1))  # not of trailers and casters
         driven = np.abs(self.reduced.actuation.matrix(samples[0])).max(axis=1, initial=0.0) > 0
         aim_of: dict[int, int] = {}
         # Rows of the model before those that are missing, and driven pivots first: these are aimed, the others follow.
@@ -270,6 +270,12 @@ class WheeledBase:
         self._turned = unit[self.pivots].sum(axis=0)
         self._guides, self._weights = self._rows.selected(tuple(guides)), self._scales[guides]
         self._is_guide = np.isin(np.arange(self._own), list(pivot_of))
+
+    def _rests(self, joint: int, moves: Array, depends: Array, couplings: Array) -> bool:
+        """True if only a joint, beside the base, moves several wheels to their sides that are steered one by one."""
+        aside = moves[:, joint] & (moves[:, self._others].sum(axis=1) == 1)
+        first, *others = [int(each) for each in np.flatnonzero(depends[aside].any(axis=0)) if each != joint] or [joint]
+        return any(self._turns(couplings, each, [first]) for each in others)
 
     def _turns(self, rows: Array, joint: int, resting: Sequence[int]) -> bool:
         """True if a joint turns while the base and some joints rest."""

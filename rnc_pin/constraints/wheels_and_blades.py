@@ -81,7 +81,7 @@ class RollingWheel:
             )
         if self.roller is not None and not self.lateral:
             raise ConfigurationError(f"wheel '{self.frame}' has both roller and lateral=False: omit one of them")
-        axle = _axle(self, robot)
+        axle = _joint_axis(self.frame, robot) if self.axis is None else frame_direction(self.axis)
         if self.ground is not None and not isinstance(self.ground, GroundPlane):
             ground = admit_ground(self.ground, f"wheel '{self.frame}'")
             if self.roller is not None or not (self.lateral and self.vertical):
@@ -117,11 +117,6 @@ def _parts(kind: RollingWheel) -> tuple[tuple[str, ...], np.ndarray | None]:
     names, rows = (*names, "vertical"), [*rows, [0.0, 0.0, 1.0]]
     # None spares a product with the identity at each evaluation.
     return names, None if len(rows) == 3 else np.array(rows)
-
-
-def _axle(kind: RollingWheel, robot: Robot) -> np.ndarray:
-    """Axle in the frame's own axes (3,)."""
-    return _joint_axis(kind.frame, robot) if kind.axis is None else frame_direction(kind.axis)
 
 
 def _joint_axis(name: str, robot: Robot) -> np.ndarray:

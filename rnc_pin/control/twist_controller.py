@@ -36,7 +36,8 @@ _STILL = 1e-9  # share of a twist that rounding causes
 _MOVING = 0.1  # share of the command below which a base counts as standing
 _SETTLED = 1e-12  # [rad] angle that no pivot has to turn any more
 _REGULAR = 0.04  # smallest singular value of the model's guides, at angles for which a program aims
-_STEERING_ACCELERATION = 4.0  # [rad/s^2]
+STEERING_ACCELERATION = 4.0
+"""Acceleration of a pivot while its base stands [rad/s^2]."""
 
 
 class TwistController(ReprMixin):
@@ -232,7 +233,7 @@ class TwistController(ReprMixin):
         turn = turn * (not waits or np.linalg.norm(last) <= still)  # it stops before its pivots turn far
         rows, most = limits or (np.zeros((1, self._reduced.n)), np.full(1, np.inf))
         used = np.abs(rows @ (motion.turning @ turn)) / max(largest, _SETTLED)
-        steering = float(min(_STEERING_ACCELERATION, *(most / np.maximum(used, _STILL))))
+        steering = float(min(STEERING_ACCELERATION, *(most / np.maximum(used, _STILL))))
         profile = 30.0  # [1/s] rate of a pivot over its last turn
         speed = min(profile, np.sqrt(steering / max(largest, _SETTLED)))
         turning = speed * turn * (np.linalg.norm(goal) > quiet)

@@ -1,4 +1,4 @@
-"""Nine kinds of bases, each with an arm and a mimic gripper: what ``docs/own_robot.md`` lists, judged by verdicts."""
+"""Ten kinds of bases, each with an arm and a mimic gripper: what ``docs/own_robot.md`` lists, judged by verdicts."""
 
 from functools import cache
 
@@ -15,7 +15,7 @@ from rnc_pin.control import ActuatorVelocityController, TwistController, WheelOd
 from rnc_pin.simulation import distance_findings, replay_limits
 
 BASES = {name: with_gripper(base) for name, base in KINDS.items() if "side" not in name and name[:10] != "four-wheel"}
-SLIDING = ("two steered drives", "four steered drives", "Mecanum", "turret")
+SLIDING = ("two steered drives", "four steered drives", "two carts", "Mecanum", "turret")
 DT, TWIST = 0.02, [0.4, None, 0.3]
 DOOR = [rnc.collision.Obstacle(coal.Box(0.1, 2.0, 2.0), position=(2.0, y, 0.0), name=f"wall {y}") for y in (1.5, -1.5)]
 
@@ -77,12 +77,13 @@ def twisted(scenario):
     return run
 
 
-def planned(scenario, *goal, obstacles=()):
-    """Plan to a pose, beside obstacles."""
+def planned(scenario, *goal, obstacles=(), along=False):
+    """Plan to a pose, beside obstacles, or along a way."""
     near = rnc.collision.CollisionDistances(scenario.reduced.robot, obstacles, rnc.collision.PairSelection(links=False))
     bounds = [rnc.optimal.DistanceBound(near, 0.01)] if obstacles else []
     pose = {rnc.FramePosition("base", "xy"): goal[:2], rnc.FrameYaw("base"): goal[2]}
-    return rnc.optimal.plan(scenario.reduced, scenario.experiment.q0, pose, 10.0, bounds=bounds, seeds=2)
+    given = {"guess": rnc.planning.find_way(scenario.reduced, scenario.experiment.q0, pose)} if along else {}
+    return rnc.optimal.plan(scenario.reduced, scenario.experiment.q0, pose, 10.0, bounds=bounds, seeds=2, **given)
 
 
 def through_a_door(scenario):
@@ -102,10 +103,12 @@ USES = {
     "pose aside": lambda scenario: posed(scenario, 0.5, 0.4, 0.5),
     "plan": lambda scenario: planned(scenario, 1.5, 0.4, 0.5),
     "plan through a door": lambda scenario: planned(scenario, 4.0, 0.3, 0.0, obstacles=DOOR),
+    "plan along a way": lambda scenario: planned(scenario, 1.5, 0.4, 0.5, along=True),
     "way": through_a_door,
     "twist": twisted,
 }
 ONLY = {"drive sideways": SLIDING, "pose aside": SLIDING, "plan through a door": ["car with trailer"]}
+ONLY |= {"plan": {*BASES} - {"two carts"}, "plan along a way": ["two carts"]}
 ONLY |= {"way": {*BASES} - {"car with trailer"}}  # ``docs/own_robot.md`` says why
 
 

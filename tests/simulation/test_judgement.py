@@ -348,7 +348,7 @@ def test_a_clearance_that_the_replay_cannot_know_is_refused():
 def test_a_steered_wheel_without_a_lateral_row_that_is_not_aimed_slides(angle, severity):
     """At v along x it slides with v sin(angle); 1 s at 0.5 m/s."""
     reduced = drafted_model(KINDS["four steered drives"])
-    q = reduced.robot.configuration({"turn_w1_joint": angle})  # w0 and w2 have the lateral rows
+    q = reduced.robot.configuration({"turn_w1_joint": angle})  # w0 and w3 have the lateral rows
     rates = 0.5 / RADIUS * (np.array(reduced.reducing.names) == "w0_joint")
     run = rnc.free_motion(reduced, q, rates, duration=1.0)
     slides = [each for each in run.verdict.findings if each.kind is FindingKind.SLIP]

@@ -59,11 +59,11 @@ def _fixed(**places):
     )
 
 
-def _steered(turns_round=False, **places):
+def _steered(turns_round=False, parent="base", **places):
     """Parts and table of wheels on one pivot each."""
     parts, table = [], {}
     for name, (x, y) in places.items():
-        parts += [pivot(f"turn_{name}", "base", (x, y, 0), turns_round=turns_round)]
+        parts += [pivot(f"turn_{name}", parent, (x, y, 0), turns_round=turns_round)]
         parts += [wheel(name, f"turn_{name}", (0, 0, 0), RADIUS)]
         table[f"{name}_joint"] = Wheel(x, y, f"turn_{name}_joint")
     return parts, table
@@ -109,6 +109,16 @@ def swerve(*places, turns_round=True):
     return _base(*parts, driven=[*wheels, *(each.pivot for each in wheels.values())], wheels=wheels)
 
 
+def carts():
+    """Two carts with four steered drives each, on loose pivots under a load."""
+    parts, wheels, corners = [], {}, [(x, y) for x in (0.25, -0.25) for y in (0.2, -0.2)]
+    for name, ahead in (("a", 0.8), ("b", -0.8)):
+        own, table = _steered(True, name, **{f"{name}{k}": place for k, place in enumerate(corners)})
+        parts += [link(name, 10.0), joint(f"{name}_joint", "base", name, (ahead, 0, 0), "0 0 1", effort=0.0), *own]
+        wheels |= {each: wheel._replace(x=wheel.x + ahead) for each, wheel in table.items()}
+    return _base(*parts, driven=[*wheels, *(each.pivot for each in wheels.values())], wheels=wheels)
+
+
 def mecanum():
     parts, wheels = _fixed(fl=(0.3, 0.25), fr=(0.3, -0.25), bl=(-0.3, 0.25), br=(-0.3, -0.25))
     side = {"fl_joint": -np.pi / 4, "fr_joint": np.pi / 4, "bl_joint": np.pi / 4, "br_joint": -np.pi / 4}
@@ -138,6 +148,7 @@ KINDS = {
     "two steered drives": swerve((0.3, 0.2), (-0.3, -0.2)),
     "two steered drives side by side": swerve((0.0, 0.3), (0.0, -0.3)),
     "four steered drives": swerve((0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2)),
+    "two carts": carts(),
     "Mecanum": mecanum(),
     "turret": turret(),
 }

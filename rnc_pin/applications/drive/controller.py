@@ -104,32 +104,26 @@ class _Base(BoundTask):
         self.names = (*(f"{base.frame} {name}" for name in ("forward", "turn", "left")), *base.pivots)
 
     def rows(self, sample: ControlSample) -> TaskRows:
-        base, board, resting = self._base, self._board, self._resting
-        goals = board.goals
-        if self._aiming is not None:
-            return self._aimed(sample, self._aiming)
+        base, resting, aiming = self._base, self._resting, self._aiming
         moving = base_rows(self._robot, base.frame, sample.end)
-        rows = base.rates(moving, self._robot)
+        rows = np.vstack([moving if aiming else base.rates(moving, self._robot), np.eye(self._robot.nv)[self._pivots]])
         wanted = None if resting else self._rates(sample)
+        if wanted is None and not resting and not self._board.goals.hold_base:
+            return TaskRows(np.zeros_like(rows), np.zeros(len(rows)))
+        if aiming is not None:
+            return TaskRows(rows, self._aimed(sample, aiming, wanted or BaseRates(0.0, 0.0, 0.0)))
         if wanted is not None:
             return TaskRows(rows, np.array([wanted.forward, wanted.turn, wanted.left]))
-        if not resting and not goals.hold_base:
-            return TaskRows(np.zeros_like(rows), np.zeros(3))
         if not base.turns:
             rows[1] = 0.0 if resting or base.folding == 0 else moving[1]  # the posture has the steering joint
         return TaskRows((_BASE_AT_REST if resting else 1.0) * rows, np.zeros(3))
 
-    def _aimed(self, sample: ControlSample, aiming: TwistController) -> TaskRows:
-        """Rows of the base and of its pivots, which are aimed at its twist."""
-        wanted = None if self._resting else self._rates(sample)
-        rows = np.vstack([base_rows(self._robot, self._base.frame, sample.end), np.eye(self._robot.nv)[self._pivots]])
-        if wanted is None and not self._resting and not self._board.goals.hold_base:
-            return TaskRows(np.zeros_like(rows), np.zeros(len(rows)))
-        forward, left, turn = wanted or (0.0, 0.0, 0.0)
-        wanted_twist = [forward, left if self._base.slides else None, turn]
+    def _aimed(self, sample: ControlSample, aiming: TwistController, wanted: BaseRates) -> np.ndarray:
+        """Rates of the base and of its pivots, which are aimed at its twist."""
+        wanted_twist = [wanted.forward, wanted.left if self._base.slides else None, wanted.turn]
         limits = sample.end.J2, self._board.accelerations
         twist, rates = aiming.aimed(sample.end.q, wanted_twist, sample.start.v, sample.dt or aiming.dt, limits)
-        return TaskRows(rows, np.array([twist[0], twist[2], twist[1], *rates]))
+        return np.array([twist[0], twist[2], twist[1], *rates])
 
     def _rates(self, sample: ControlSample) -> BaseRates | None:
         board, base = self._board, self._base

@@ -134,7 +134,7 @@ def find_base(reduced: ReducedModel, q0: np.ndarray, joints: Sequence[str]) -> D
 def find_pivots(reduced: ReducedModel, q0: np.ndarray, frame: str) -> tuple[tuple[str, ...], bool]:
     """Return the joints that are aimed at the twist of a base, and whether they let it move to any side; none for most.
 
-    The single pivot of a car is steered by hand.
+    The single pivot of a car is steered by hand, unless it turns by half a turn: then the base turns on the spot.
 
     Args:
         reduced: the model.
@@ -145,8 +145,10 @@ def find_pivots(reduced: ReducedModel, q0: np.ndarray, frame: str) -> tuple[tupl
         controller = TwistController(reduced, frame)
     except RncError:  # such as a base that a force drives
         return (), False
-    slides = controller.base.slides and controller.base.at(q0).free.shape[1] == _PLANE
-    return (controller.steering, slides) if slides or len(controller.steering) > 1 else ((), False)
+    base = controller.base
+    slides, ranges = base.slides and base.at(q0).free.shape[1] == _PLANE, (base.upper - base.lower)[base.pivots]
+    by_hand = not slides and len(ranges) < 2 and ranges.min(initial=np.inf) < np.pi
+    return ((), False) if by_hand else (controller.steering, slides)
 
 
 def base_rows(robot: Robot, frame: str, at: ConfigurationEvaluation) -> np.ndarray:

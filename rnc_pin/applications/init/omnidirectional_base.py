@@ -20,7 +20,7 @@ from rnc_pin.applications.init.evidence import (
     turning_axis,
     words_of,
 )
-from rnc_pin.applications.init.robot_at_start import SAME, RobotAtStart
+from rnc_pin.applications.init.robot_at_start import PLACED, SAME, RobotAtStart, first_smallest
 from rnc_pin.applications.init.wheel_detection import Wheel
 from rnc_pin.applications.init.wheel_layout import WheelLayout, in_line
 from rnc_pin.errors import few
@@ -71,8 +71,8 @@ def swerve_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
     """
     kind = f"{len(layout.wheels)} wheels, {len(layout.steered)} of them steered drives"
     result = wheeled_base.planar_on_wheels(layout, at_start, kind)
-    guides = [line[0].joint for cart in _carts(layout, at_start) for line in _farthest(cart)]
-    first = layout.steered[0].wheels[0]
+    first, *_ = wheels = [each for cart in _carts(layout, at_start) for each in _farthest(cart)]
+    guides = [each.joint for each in wheels]
     if len(guides) >= _GUIDES and first.joint in layout.driven.joints:  # it moves sideways and on the spot too
         result.outputs.append(({"joint": first.joint}, round(DRIVEN / first.radius, 3)))
     else:
@@ -108,10 +108,15 @@ def _carts(layout: WheelLayout, at_start: RobotAtStart) -> list[list[list[Wheel]
     return lines if all(len(each) >= _GUIDES for each in lines) else whole
 
 
-def _farthest(lines: list[list[Wheel]]) -> list[list[Wheel]]:
-    """First and last axle line along the heading; only one if all wheels are on one line."""
+def _farthest(lines: list[list[Wheel]]) -> tuple[Wheel, ...]:
+    """Wheels of the first and the last axle line along the heading, that are farthest apart; one if there is one line.
+
+    On a diagonal their axles are not in line where the base moves straight ahead or to its side.
+    """
     along = [float(line[0].center @ lines[0][0].heading) for line in lines]
-    return [lines[0]] if len(lines) == 1 else [lines[int(np.argmin(along))], lines[int(np.argmax(along))]]
+    pairs = [*itertools.product(lines[int(np.argmax(along))], lines[int(np.argmin(along))])]
+    apart = [-float(np.linalg.norm(one.center - other.center)) for one, other in pairs]
+    return (lines[0][0],) if len(lines) == 1 else pairs[first_smallest(apart, PLACED)]
 
 
 def _as_casters(pivots: Sequence[str]) -> Alternative:

@@ -119,7 +119,8 @@ class ScenarioCandidate:
         mobility.actuators = self._actuators(chosen)
         findings = model_findings(self.system, mobility, chosen.entries, self._against)
         loaded = "gravity loads the robot, and it learns this load slowly"
-        failures = [loaded] if self._is_loaded() else []
+        is_slow = not mobility.weightless and self.start and is_loaded(self.robot, self.q0, self.start)
+        failures = [loaded] if is_slow else []
         best: tuple[Trial, str] | None = None
         for controller, dt, remark in self._controllers(is_loaded=bool(failures)):
             if best is not None and controller.get("tracker") == "adaptive":
@@ -213,10 +214,6 @@ class ScenarioCandidate:
         if result.trajectory.outcome is not Outcome.COMPLETED:
             raise ConfigurationError(f"its run ends early: {result.trajectory.outcome.value}")
         return result, clock[-1] - clock[0]
-
-    def _is_loaded(self) -> bool:
-        """True if gravity loads a joint at the start or at poses near it."""
-        return not self.mobility.weightless and bool(self.start) and is_loaded(self.robot, self.q0, self.start)
 
     # ------------------------------------------------------------------ parts of the scenario
 

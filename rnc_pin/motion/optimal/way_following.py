@@ -9,12 +9,14 @@ import numpy as np
 
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.controller import DescribedMixin, MissedGoal, VelocityTarget, elapsed_time
+from rnc_pin.control.twist_controller import STEERING_ACCELERATION
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.input_validation import Positive, check_positive_settings
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.motion.optimal.plan_feedback import regulator_gains
 from rnc_pin.motion.planning.action_models import KinematicModel, Nodes
+from rnc_pin.motion.planning.exact_steering import AimedSteering, CarSteering
 from rnc_pin.motion.planning.way import Way
 
 _SPACING = 0.05  # [m or rad]; largest displacement between two gains of the feedback
@@ -51,7 +53,8 @@ class WayFollower(DescribedMixin):
     Args:
         reduced: the model.
         way: a way by exact steering.
-        acceleration: largest rate of each entry of the velocity along the way [m/s^2 or rad/s^2].
+        acceleration: largest rate of each entry of the velocity along the way [m/s^2 or rad/s^2]; at least 4 rad/s^2
+            for joints that steer while the base stands.
         speed: share of the velocity of the way that is used.
         tube: distance of the robot from the way at which it stops [m or rad].
         tolerance: error at the end above which a run has missed its goal [m or rad].
@@ -96,7 +99,10 @@ class WayFollower(DescribedMixin):
             )
         self._model = KinematicModel(self.reduced)
         self._v = np.where(self.way.planned, self.way.v, 0.0)
-        self._sizes = np.abs(self._v).max(axis=1)
+        driving, steered = self._v[:, :3].any(axis=1), self.way.info.steering in (AimedSteering.kind, CarSteering.kind)
+        steers = steered & driving.any() & ~self._v[driving].any(axis=0)  # joints that move while the base stands
+        share = np.where(steers, min(1.0, self.acceleration / STEERING_ACCELERATION), 1.0)
+        self._sizes = np.abs(share * self._v).max(axis=1)
         jumps = np.abs(np.diff(self._v, axis=0)).max(axis=1) > _SAME * self._sizes[:-1]
         ends = np.where(np.append(jumps, True)[: len(self._v)], self.way.time[1:], np.inf)
         self._stops = np.minimum.accumulate(ends[::-1])[::-1]
@@ -163,7 +169,7 @@ class WayFollower(DescribedMixin):
     def _gains_along(self) -> tuple[Float[Array, " m"], Float[Array, "m r nv"]]:
         """Places, and gains of a linear-quadratic regulator from each to the next, at the speeds of the way."""
         durations = np.diff(self.way.time)
-        counts = np.maximum(np.ceil(self._sizes * durations / _SPACING), 1.0).astype(int)
+        counts = np.maximum(np.ceil(np.abs(self._v).max(axis=1) * durations / _SPACING), 1.0).astype(int)
         h, k = np.repeat(durations / counts, counts), np.repeat(np.arange(len(self._v)), counts)
         places = np.concatenate([[0.0], np.cumsum(h)[:-1]])
         q = self.way.at(places)

@@ -368,7 +368,7 @@ class AimedSteering(Steering):
     def __init__(self, reduced: ReducedModel, planned: Bool[Array, " nv"], base: WheeledBase, q0: Array) -> None:
         super().__init__(reduced, planned)
         self._base, self._q0 = base, np.array(q0)
-        self.sampled = planned & ~np.isin(np.arange(len(planned)), base.pivots)
+        self.sampled = planned & ~np.isin(np.arange(len(planned)), [*base.pivots, *base.resting])
 
     def prepared(self, q: Float[Array, " nq"]) -> Float[Array, " nq"]:
         by = self.manifold.difference(q[None], self._q0[None])
@@ -376,7 +376,10 @@ class AimedSteering(Steering):
 
     def displacements(self, start: Array, goal: Array) -> Iterator[Array]:
         difference, move, own = self.manifold.difference, self.manifold.integrate, self._base.base
-        whole = np.where(self.sampled, difference(start[None], goal[None])[0], 0.0)
+        whole = difference(start[None], goal[None])[0]
+        if np.abs(whole[self._base.resting]).max(initial=0.0) > _EXACT:
+            return
+        whole[~self.sampled] = 0.0
         aside, part = np.zeros(len(whole)), np.isin(np.arange(len(whole)), own)
         for offset in _OFFSETS:
             aside[own] = offset * [self._base.length, self._base.length, 1.0]

@@ -205,10 +205,10 @@ def find_steering(reduced: ReducedModel, q0: Float[Array, " nq"], *, room: float
         return FreeSteering(reduced, planned)
     if reduced.robot.model.joints[1].shortname() != "JointModelPlanar":
         _refuse(reduced, "the rows restrict joints other than a planar base")
-    rows = [np.linalg.svd(R[places])[0][:, reduced.r :] for R in samples.bases]  # that all velocities satisfy
-    if any(np.abs(each[places >= 3]).max(initial=0.0) > _EXACT for each in rows):
-        _refuse(reduced, "the rows couple the base with other joints")
     base = WheeledBase(reduced, next(each.name for each in reduced.robot.model.frames if each.parentJoint == 1))
+    rows = [np.linalg.svd(R[places])[0][:, reduced.r :] for R in samples.bases]  # that all velocities satisfy
+    if any(np.abs(each[~np.isin(places, [0, 1, 2, *base.resting])]).max(initial=0.0) > _EXACT for each in rows):
+        _refuse(reduced, "the rows couple the base with other joints")
     motion, count = base.at(q0), len(places) - reduced.r
     steering = [joint for joint in base.steering if planned[joint]]
     if motion.free.shape[1] == 2 and count - 1 == len(steering) <= 1:

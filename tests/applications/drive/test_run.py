@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from driven_bases import drafted_file, tricycle
 from drives import Watcher, point_of, pose_of, prepared, reduced_of
 from rnc_pin.applications.drive.commands import PlacedGoal, initial_goals
 from rnc_pin.applications.drive.controls import DriveControls, DrivenBase
@@ -121,6 +122,15 @@ def test_left_and_right_bend_the_path_to_their_sides(rake, side, tmp_path):
     headings = [pose_of(run, q)[2] for q in trajectory.q[150:]]  # at first, it folds
     assert (side * np.diff(headings)).min() > 0
     assert trajectory.v2[-1, 0] == pytest.approx(0.5, rel=0.05)  # the joint is at its limit
+
+
+def test_a_single_pivot_that_turns_round_is_aimed_and_the_base_turns_on_the_spot(tmp_path, brief):
+    """By hand it would turn on and on, also to where its wheel rolls across the base's path."""
+    run = prepared(drafted_file(tricycle(True), tmp_path), pressed(0.0, 1.0, 150), simulation__dt=DT)
+    trajectory = drive(run, samples=150).trajectory
+    assert trajectory.verdict.succeeded, trajectory.verdict
+    assert pose_of(run, trajectory.q[-1])[2] > 0.5
+    assert abs(reduced_of(run).robot.joint_values(trajectory.q[-1])["turn_front_joint"]) == pytest.approx(np.pi / 2)
 
 
 def test_a_raked_fork_that_turns_does_not_drive_the_base(tmp_path):

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
+from driven_bases import KINDS, drafted_model, with_gripper
 from rnc_pin.motion.optimal import WayFollower
 from rnc_pin.motion.planning import find_way
 from rnc_pin.motion.planning.action_models import KinematicFlow
@@ -47,6 +48,17 @@ def test_along_a_straight_way_the_speed_is_a_trapezoid():
     assert np.abs(np.diff(speed)).max() <= 0.5 * DT + 1e-9
     # 3 m at 0.8 m/s, and half of the time to accelerate and to stop.
     assert np.count_nonzero(speed) * DT == pytest.approx(3.0 / 0.8 + 0.8 / 0.5, abs=0.06)
+
+
+def test_joints_that_steer_turn_quickly_while_the_car_stands():
+    reduced = drafted_model(with_gripper(KINDS["car"]))
+    q0, goal = reduced.robot.configuration(), {rnc.FramePosition("base", "xy"): [1.0, 0.5], rnc.FrameYaw("base"): 0.0}
+    rows = driven(WayFollower(reduced, find_way(reduced, q0, goal)), 20.0)
+    v = np.array([reduced.at(q).R @ v2 for _, q, v2, _ in rows])
+    pivot, rates = reduced.robot.velocity_indices("turn_fl_joint").start, np.abs(np.diff(v, axis=0)) / DT
+    assert rates[:, :2].max() <= 0.5 * 1.01
+    assert 3.9 < rates[:, pivot].max() < 5.0  # the feedback is beside
+    np.testing.assert_allclose(v[-1], 0.0, atol=1e-9)
 
 
 def test_a_robot_that_is_pushed_off_its_way_stops_and_a_new_way_leads_on():

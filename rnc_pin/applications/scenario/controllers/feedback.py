@@ -370,7 +370,8 @@ class WayFollowerSettings(_ToGoal):
         links: True to check links of the robot against each other too.
         clearance: smallest distance to obstacles [m]. The check has a tolerance of 1 mm, or 1 % of the largest link.
         seed: seed of all random choices.
-        acceleration: largest rate of each entry of the velocity along the way [m/s^2 or rad/s^2].
+        acceleration: largest rate of each entry of the velocity along the way [m/s^2 or rad/s^2]; at least 4 rad/s^2
+            for joints that steer while the base stands.
         speed: share of the velocity of the way that is used.
         tube: distance of the robot from the way at which it stops [m or rad].
         tolerance: error at the end above which a run has missed its goal [m or rad].
