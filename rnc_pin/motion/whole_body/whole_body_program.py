@@ -18,7 +18,7 @@ from rnc_pin.motion.whole_body.limit_stack import LimitStack
 from rnc_pin.motion.whole_body.limits.control_limit import ControlLimit
 from rnc_pin.motion.whole_body.limits.joint_limits import AccelerationLimit
 from rnc_pin.motion.whole_body.task_hierarchy import MotionMetric, TaskStack
-from rnc_pin.motion.whole_body.tasks import BoundTask, ControlTask, PostureTask
+from rnc_pin.motion.whole_body.tasks import BoundTask, ControlTask, DampingTask, PostureTask
 from rnc_pin.printing import ReprMixin
 from rnc_pin.verdict import GOAL_TOLERANCE, MOSTLY, Finding, FindingKind, Severity
 
@@ -99,10 +99,11 @@ class WholeBodyProgram(ReprMixin):
         self._tasks = TaskStack(self.tasks, reduced, resting, self._metric)
         self._desired = DesiredOutputs(self._tasks.bound, reduced)
         first = min((task.priority for task in tasks), default=0)
+        alone = all(isinstance(task, PostureTask | DampingTask) for task in tasks)
         pairs = list(zip(tasks, self._tasks.bound, strict=True))
         postures = [bound for task, bound in pairs if isinstance(task, PostureTask) and task.priority == first]
-        # Postures are preferences, unless no task follows a reference.
-        self._goals = [bound for _, bound in pairs if bound.followed is not None] or postures
+        # Postures are preferences, unless there is nothing else.
+        self._goals = postures if alone else [bound for _, bound in pairs if bound.followed is not None]
         self.limit_names: tuple[str, ...] = self._limits.names
         """Names of the limits' rows, in the order of ``excess`` of the state."""
 
