@@ -23,7 +23,7 @@ from rnc_pin.analysis.derivatives import StateDerivatives, state_derivatives
 from rnc_pin.analysis.lie_brackets import frame_bracket
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import ConstraintError, InputError, ModelError, SingularityError, place_of
-from rnc_pin.model.input_validation import vector
+from rnc_pin.model.input_validation import admit_numbers, vector
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import printed
@@ -108,7 +108,7 @@ def equilibrium(
         >>> round(robot.joint_values(turning.q)["pitch"], 3)  # weight and centrifugal force balance
         2.125
     """
-    q = np.asarray(guess, float)
+    q = admit_numbers(guess, "guess")
     given, open_rates = velocities(reduced, v2)
     _ = reduced.at(q)  # raises an error for an invalid configuration
     if q.ndim > 1:

@@ -25,6 +25,7 @@ from rnc_pin.errors import (
 )
 from rnc_pin.math.linear_algebra import sorted_eigenvalues
 from rnc_pin.model.independence import ROUNDING
+from rnc_pin.model.input_validation import admit_numbers
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.reduction_data import best_entries
@@ -166,9 +167,9 @@ def linearize(
         >>> linear.state_names
         ('pitch', 'base_speed_x', 'pitch_dot')
     """
-    q = np.asarray(q, float)
+    q = admit_numbers(q, "q")
     reduced = reduced.with_basis_at(q)
-    v2 = np.zeros(reduced.r) if v2 is None else np.asarray(v2, float)
+    v2 = np.zeros(reduced.r) if v2 is None else admit_numbers(v2, "v2")
     state = reduced.at(q, v2)
     # By the pseudoinverse: of more inputs than necessary, the smallest that hold the state.
     holding = np.linalg.pinv(state.input_matrix) @ state.inverse_dynamics(np.zeros(reduced.r)) if T is None else T

@@ -19,7 +19,7 @@ from rnc_pin.model.evaluation_results import LagrangianTerms, ReducedRegressor, 
 from rnc_pin.model.evaluator import Evaluator, evaluator_for
 from rnc_pin.model.generalized_forces import Actuation, PassiveForces
 from rnc_pin.model.independence import DroppedRow
-from rnc_pin.model.input_validation import ArrayInput
+from rnc_pin.model.input_validation import ArrayInput, numbers_of
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.rows import OutputStack, RowStack
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -172,8 +172,8 @@ class ReducedModel(SummaryMixin):
         """
         if not self.rheonomic:
             return self
-        evaluator = evaluator_for(self._data.frozen(float(t)))
-        return ReducedModel(evaluator, self.assembly.frozen(float(t)), self.dropped_rows)
+        t = float(numbers_of(t, "t"))
+        return ReducedModel(evaluator_for(self._data.frozen(t)), self.assembly.frozen(t), self.dropped_rows)
 
     def with_basis_at(self, q: ArrayInput) -> ReducedModel:
         """The same model with the constraint rows that are selected at q as default rows.

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from rnc_pin.errors import ConfigurationError, InputError, nearest
 from rnc_pin.model.coordinates import Coordinates
+from rnc_pin.model.input_validation import numbers_of
 from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.rows import OutputKind, OutputRows, OutputStack
@@ -179,10 +180,7 @@ def _target(
         raise ConfigurationError(
             f"target '{label}': one component of a rotation is no target; use the output object, FrameOrientation(...)"
         )
-    try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"target '{label}': expected {len(rows)} numbers, found {value!r}") from None
+    array = numbers_of(value, f"target '{label}'")
     # A matrix is read as such: its rotation vector has three numbers, as the output has.
     if rotation and array.shape == (3, 3):
         if not np.allclose(array @ array.T, np.eye(3), atol=1e-6) or np.linalg.det(array) < 0:

@@ -22,7 +22,7 @@ from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import ConfigurationError, InputError, place_of, short_text
 from rnc_pin.io.safe_read import read_bytes
 from rnc_pin.model.coordinates import Coordinates, rotation_vector_rates
-from rnc_pin.model.input_validation import Numbers, Positive, is_number
+from rnc_pin.model.input_validation import Numbers, Positive, is_number, numbers_of
 from rnc_pin.references.reference import Reference, ReferencePoint, ReferenceSummary
 
 _BINOMIALS = np.array([[comb(order, of) for of in range(4)] for order in range(4)])
@@ -152,11 +152,10 @@ class ViaPoints(PiecewisePolynomial):
     """
 
     def __init__(self, times: ArrayLike, points: ArrayLike) -> None:
-        knots, values = _admit(times, "times of via points"), np.asarray(points, dtype=float)
+        knots, values = _admit(times, "times of via points"), _admit(points, "via points")
         if len(knots) < 2 or len(knots) != len(values) or not (np.diff(knots) > 0).all():
             found = f"found {len(values)} points at the times {short_text(knots.tolist())}"
             raise InputError(f"via points need at least two increasing times, and one point each: {found}")
-        _admit(values, "via points")
         # A list of numbers is one output: its points become a column.
         values = values.reshape(len(knots), -1)
         zero = np.zeros(values.shape[1])
@@ -193,8 +192,12 @@ class Harmonic(ReferenceSummary):
         self.size = self._center.size
         try:
             amplitude, self._rate, phase = (
-                np.array(np.broadcast_to(np.asarray(each, dtype=float), self._center.shape))
-                for each in (amplitude, 2 * np.pi * np.asarray(frequency, dtype=float), phase)
+                np.array(np.broadcast_to(each, self._center.shape))
+                for each in (
+                    numbers_of(amplitude, "amplitude"),
+                    2 * np.pi * numbers_of(frequency, "frequency"),
+                    numbers_of(phase, "phase"),
+                )
             )
         except ValueError:
             raise InputError(f"amplitude, frequency and phase have to be numbers or lists of {self.size}") from None
@@ -443,10 +446,7 @@ def _sized(values: Sequence[float] | None, coordinates: Coordinates) -> np.ndarr
 
 
 def _admit(value: ArrayLike, what: str) -> np.ndarray:
-    try:
-        array = np.atleast_1d(np.array(value, dtype=float))  # the caller may change the value
-    except (TypeError, ValueError):
-        raise InputError(f"{what}: expected numbers, found {short_text(value)}") from None
+    array = np.atleast_1d(numbers_of(value, what))
     if not np.isfinite(array).all():
         raise InputError(f"{what} has to be finite, found {array.tolist()}")
     return array

@@ -275,10 +275,10 @@ class NamedModel:
             raise ModelError(f"joint values have to be a mapping such as {{'{example}': 0.0}}, found {values!r}")
         for name, value in values.items():
             joint = self.model.joints[self.joint_id(name)]
-            try:
-                entry = np.atleast_1d(np.asarray(value, dtype=float))
-            except (TypeError, ValueError):
-                raise ModelError(f"joint '{name}' takes numbers, found {value!r}") from None
+            given = np.atleast_1d(np.asarray(value)) if not isinstance(value, Mapping) else np.zeros(1, dtype=object)
+            if given.dtype.kind not in "iuf":
+                raise ModelError(f"joint '{name}' takes numbers, found {value!r}")
+            entry = given.astype(float)
             if not np.isfinite(entry).all():
                 raise ModelError(f"joint '{name}' takes finite numbers, found {value!r}")
             q[joint.idx_q : joint.idx_q + joint.nq] = _joint_coordinates(name, joint, entry)
@@ -308,6 +308,7 @@ class NamedModel:
             generator: source of the random numbers.
             spread: largest displacement from the neutral configuration in each entry of v [rad or m].
         """
+        self.check_unchanged()
         q = pin.integrate(self.model, pin.neutral(self.model), generator.uniform(-spread, spread, self.nv))
         # Limits hold for entries of q that are coordinates; others, such as quaternions, have none.
         for joint in list(self.model.joints)[1:]:

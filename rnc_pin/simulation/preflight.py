@@ -23,7 +23,7 @@ from rnc_pin.errors import ConstraintError, DivergenceError, InputError, Simulat
 from rnc_pin.math.linear_algebra import weakest_rows
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
-from rnc_pin.model.input_validation import is_number, vector
+from rnc_pin.model.input_validation import is_number, numbers_of, vector
 from rnc_pin.model.integrators import LieRungeKutta4
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -78,7 +78,7 @@ def kinematic_rollout(
     if not (is_number(duration) and is_number(dt) and duration >= 0 and dt > 0):
         raise InputError(f"duration {duration!r} and dt {dt!r} have to be positive numbers")
     integrator, r = LieRungeKutta4(reduced.robot), reduced.r
-    q, y, v2, t = np.array(q0, dtype=float), np.zeros(r), np.zeros(r), 0.0
+    q, y, v2, t = numbers_of(q0, "q0"), np.zeros(r), np.zeros(r), 0.0
     state = target.initial_state(reduced.at(q, v2, t=t).measure(y))
     times, path = [0.0], [q]
 

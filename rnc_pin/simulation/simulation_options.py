@@ -322,6 +322,7 @@ def assembled_start(reduced: ReducedModel, q0: np.ndarray) -> np.ndarray:
     Raises:
         InputError: the residual of a holonomic row is larger than rounding.
     """
+    reduced.robot.check_unchanged()
     if not reduced.assembly.size:
         return q0
     # Farther away it is a mistake in q0, which a projection would hide in another posture.

@@ -82,10 +82,14 @@ def test_states_and_times_are_real_numbers(made):
         lambda: rnc.state_derivatives(reduced, q, made(v2), T), lambda: reduced.at(q, v2).contact_forces(T, made(v)),
         lambda: rnc.simulate(reduced, controller, made(q), 0.1, 0.01),
         lambda: rnc.free_motion(reduced, made(q), v2, 1.0),
+        lambda: rnc.linearize(reduced, made(q)), lambda: rnc.equilibrium(reduced, made(q)),
+        lambda: rnc.planning.Hold(made(v2)), lambda: rnc.planning.MinimumJerk(v2, made(v2), 1.0),
+        lambda: rnc.solve_ik(reduced, q, {rnc.FramePosition("tip", "xyz"): made(v2)}),
+        lambda: rnc.planning.find_way(reduced, made(q), {rnc.FramePosition("tip", "xy"): [1.0, 0.0]}),
         lambda: rnc.free_motion(reduced, q, v2, 1.0, inputs=made(T)), lambda: rnc.ReducedPlant(reduced).apply(made(T)),
     ]  # fmt: skip
     for call in calls:
-        with pytest.raises(rnc.InputError, match=r"^\w+ is not an array of numbers: ") as caught:
+        with pytest.raises(rnc.InputError, match=r"^[\w' -]+ is not an array of numbers: ") as caught:
             call()
         assert len(str(caught.value).splitlines()) == 1
     for measured in ((0.0, made(q), v), (0.0, q, made(v)), (t, q, v)):

@@ -235,7 +235,8 @@ def test_joints_that_are_added_after_reduction_are_refused_in_one_line():
     robot.model.addJoint(4, pin.JointModelRX(), pin.SE3.Identity(), "new")
     for call in (
         lambda: reduced.at(q, v), lambda: reduced.terms(q, v), lambda: reduced.forward_dynamics(q, v, np.zeros(0)),
-        system.reduce, lambda: rnc.NonholonomicSystem(robot),
+        system.reduce, lambda: rnc.NonholonomicSystem(robot), lambda: rnc.free_motion(reduced, q, v, 1.0),
+        lambda: rnc.analysis.NormalForces(reduced),
     ):  # fmt: skip
         with pytest.raises(rnc.ModelError, match="joints were added to the model of robot 'space_robot'"):
             call()

@@ -150,7 +150,7 @@ _ALIKE = 3  # random configurations at a goal with the same distance to the same
 
 def validated_configuration(reduced: ReducedModel, q: ArrayLike) -> Float[Array, " nq"]:
     """Copy of one configuration (nq,)."""
-    found = ConfigurationValidator(reduced.robot).validate(np.asarray(q, dtype=float))
+    found = ConfigurationValidator(reduced.robot).validate(q)
     if found.ndim != 1:
         raise InputError(f"q has shape {found.shape}, expected ({reduced.robot.nq},)")
     return np.array(found)
