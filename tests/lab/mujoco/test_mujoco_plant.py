@@ -12,7 +12,7 @@ import rnc_pin as rnc
 from bodies import add_body, add_frame
 from refusals import refused
 from rnc_pin.errors import missing_extra
-from systems import differential_drive, floating_robot
+from systems import differential_drive, floating_robot, sleigh
 
 mujoco = pytest.importorskip("mujoco", reason="comes with the extra mujoco")
 
@@ -319,11 +319,8 @@ def test_one_wheel_cannot_turn_itself_and_is_turned():
 
 
 def test_a_blade_is_a_knife_edge():
-    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
-    reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce(
-        [rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")]
-    )
-    plant, q, v = driven(reduced, robot.configuration(), np.array([0.0, 1.0]), None, 2.0)
+    reduced = sleigh()
+    plant, q, v = driven(reduced, reduced.robot.configuration(), np.array([0.0, 1.0]), None, 2.0)
     assert plant.wheel_names == ("sleigh",)
     assert max(q, v) < 3e-3
 

@@ -11,7 +11,7 @@ from rnc_pin.model import Coordinates
 from rnc_pin.motion import planning
 from rnc_pin.motion.planning import MinimumJerk, WaySettings, find_way
 from rnc_pin.references.kinds import RelativeCircle, RelativeMinimumJerk
-from systems import at_pose, knife_box
+from systems import at_pose, knife_box, sleigh
 
 WRONG, INPUT, NONE = rnc.ConfigurationError, rnc.InputError, rnc.InfeasibleError
 
@@ -47,11 +47,8 @@ def way(reduced, start=(0.0, 0.0), goal=(3.0, 0.0), obstacles=(), settings=WaySe
 
 
 def unsteered():
-    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
-    reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce(
-        [rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")]
-    )
-    return planning.SteeringGeometry(reduced, robot.configuration(), "sleigh", speed=0, steering=1, largest=1.0)
+    reduced, q0 = sleigh(), sleigh().robot.configuration()
+    return planning.SteeringGeometry(reduced, q0, "sleigh", speed=0, steering=1, largest=1.0)
 
 
 INSIDE = {rnc.FramePosition("axle", "xy"): [1.5, 3.0], rnc.FrameYaw("axle"): 0.2}
