@@ -285,7 +285,7 @@ def judged(made: Scenario, step: float) -> dict[FindingKind, Case]:
     """Truth and judgement of a run by kind."""
     run = execute(made).trajectory
     true = truths(made, run, step)
-    whole_body = made.experiment.goals is not None
+    whole_body = made.experiment.program is not None
     true[FindingKind.GOAL] = None if whole_body or run.outcome is not rnc.Outcome.COMPLETED else missed(made, run)
     found = {each.kind for each in run.verdict.findings if str(each.severity) == "fails"}
     return {kind: Case(true[kind], kind in found) for kind in KINDS}
