@@ -205,8 +205,8 @@ def rolls(wheel: Wheel, **more: Json) -> dict[str, Json]:
 
 
 def turned(wheel: Wheel, **more: Json) -> dict[str, Json]:
-    """Entry of a wheel on a pivot; no vertical row if the pivot is inclined, because a planar base keeps its height."""
-    leans = any(float(np.hypot(*pivot.axis[:2])) > UPRIGHT for pivot in wheel.pivots)
+    """Entry of a wheel on a pivot; no vertical row if it moves up and down, because a planar base keeps its height."""
+    leans = wheel.wobbles or any(float(np.hypot(*pivot.axis[:2])) > UPRIGHT for pivot in wheel.pivots)
     return rolls(wheel, **more, **({"vertical": False} if leans else {}))
 
 

@@ -85,6 +85,7 @@ class Wheel:
         imbalance: distance of its center of mass from the axle [m].
         is_named: True if its joint or link has the name of a wheel, or if it is one of a pair without meshes.
         is_doubtful: True if its name means another part: it is a wheel if its shape stands on the ground of others.
+        wobbles: True if a gear on its axle, between it and the base, is not quite parallel, and so lifts it a little.
         turns_once: True if its limits permit one turn, as those of a wrist: doubtful too, but for a pair on one axle.
     """
 
@@ -105,6 +106,7 @@ class Wheel:
     is_named: bool = False
     is_doubtful: bool = False
     turns_once: bool = False
+    wobbles: bool = False
 
     @property
     def heading(self) -> np.ndarray:
@@ -398,21 +400,22 @@ class WheelSearch:
 
     def _carried(self, wheel: Wheel, joint: int) -> Wheel:
         """Return a wheel with the pivots and other carriers between it and the base, from a joint on."""
-        data, pivots, carriers = self._data, list[Pivot](), list[str]()
+        data, pivots, carriers, apart = self._data, list[Pivot](), list[str](), 0.0
         steers = 0.5  # smallest vertical part of a unit swivel axis: forks lean, those of choppers by 50 degrees
         while joint > self._at_start.root and self._model.joints[joint].nv == 1:
             name, axis = str(self._model.names[joint]), turning_axis(self._model, data, joint)
             point = data.oMi[joint].translation.copy()
             parallel = axis.any() and np.abs(across(axis, wheel.axle)).max() < ALIGNED
             if parallel and np.abs(across(wheel.center - point, axis)).max() < placed(wheel.radius):
-                pass  # a gear on the same axle rotates the wheel but does not move it
+                # A gear on the same axle rotates the wheel but does not move it.
+                apart = max(apart, float(np.abs(across(axis, wheel.axle)).max()))
             elif abs(axis[2]) > steers:
                 free = float(np.ptp(joint_limits(self._at_start.robot, name))) >= _ROUND
                 pivots.append(Pivot(name, int(joint), point, axis * np.sign(axis[2]), free))
             else:
                 carriers.append(name)
             joint = self._model.parents[joint]
-        return replace(wheel, pivots=tuple(pivots), carriers=tuple(carriers))
+        return replace(wheel, pivots=tuple(pivots), carriers=tuple(carriers), wobbles=apart > UPRIGHT)
 
     # ------------------------------------------------------------------ disks without a joint about their axle
 

@@ -594,6 +594,18 @@ def test_sprockets_above_the_ground_drive_their_tracks(called, listed, drafted, 
     assert np.linalg.norm(run.q[-1, :2] - run.q[0, :2]) > 0.25
 
 
+def test_a_gear_that_is_not_quite_on_the_axle_lifts_no_car(drafted):
+    """The rear wheels turn on hubs about nearly the same axle: both together move them by a hair."""
+    hubs = "".join(
+        link(f"hub_{side}") + joint(f"hub_{side}_joint", "base", f"hub_{side}", (-0.275, y, 0))
+        for side, y in (("l", 0.2), ("r", -0.2))
+    )
+    rear = "".join(wheel(f"rear_{side}", f"hub_{side}", (0, 0, 0), toe=0.01) for side in "lr")
+    kind, content, _ = drafted(robot(link("base", 10.0, BOX), hubs, rear, knuckles("knuckle", "front", 0.275)))
+    assert kind == CAR
+    assert [each.get("vertical", True) for each in of(content, "rolling_wheel")][:2] == [False, False]
+
+
 @pytest.mark.parametrize("reverse", [False, True])
 def test_steered_wheels_turn_about_the_fixed_axle_that_does_not_skid(reverse, drafted):
     """A truck with two steered axles and three fixed ones: the middle one of these."""
