@@ -32,6 +32,7 @@ _APPROACH = 50.0  # rate of the motion that ends at a bound [1/s], if samples ar
 _HORIZON = 1000  # intervals of the regulator at rest
 FREQUENCY = 10.0  # of the closed loop [rad/s]: samples up to its inverse, 0.1 s, keep a double integrator stable
 _SMALL, _LEAST = 1e-6, 1e-9  # of the cost of an input, and of the largest: inputs that move the same share their work
+_RESERVE = 1e-3  # of a limit or range, of which feedback keeps away where its plan does, for motions within samples
 _SWEEPS = 3  # over the bounds of outputs that share inputs
 _TINY = 1e-300  # [rad/s^2 or m/s^2], where a plan stands
 _ROUNDING = 1e-12  # part of the largest velocity of the plan that is rounding
@@ -177,12 +178,17 @@ class PlanFeedback(ReprMixin):
             bounds = [
                 (own.index(name), *sides) for kind, name, *sides in plan.info.bounds if kind == quantity and name in own
             ]
-            k, low, high = np.array(bounds, dtype=float).reshape(-1, 3).T
-            k, room = k.astype(int), np.zeros(len(k))
+            k, *ends = np.array(bounds, dtype=float).reshape(-1, 3).T
+            k, sides, room = k.astype(int), np.stack(ends, axis=1), np.zeros(len(k))
             if quantity != "input" and self._outputs is not None:
                 values = (plan.position if quantity == "output" else plan.velocity).reshape(-1, len(names))[:, k]
-                room = np.minimum(values.min(axis=0) - low, high - values.max(axis=0)) / 2.0
-            self._sides[quantity] = k, np.stack([low, high], axis=1), room
+                gaps = np.stack([values.min(axis=0) - ends[0], ends[1] - values.max(axis=0)], axis=1)
+                room = gaps.min(axis=1) / 2.0
+                if quantity == "output" or not kinematic:
+                    width = np.broadcast_to(np.diff(sides), sides.shape) if quantity == "output" else np.abs(sides)
+                    reserve = np.where(np.isfinite(width), _RESERVE * width, 0.0)
+                    sides = sides + np.clip(gaps / 2.0, 0.0, reserve) * [1.0, -1.0]
+            self._sides[quantity] = k, sides, room
         self.weights = FREQUENCY if K is None and weights is None else weights
 
     def describe(self) -> Description:

@@ -96,7 +96,8 @@ def test_feedback_stays_within_the_bounds_of_its_plan(form):
         start = reduced.robot.configuration({"root_joint": [0.0, aside, 0.0]})
         run = rnc.simulate(reduced, rnc.tvlqr(reduced, plan, 50.0, 0.1), start, 3.0, dt=0.01)
         angle = np.unwrap(np.arctan2(run.q[:, 3], run.q[:, 2]))
-        assert max(angle.max() - 0.55, run.q[:, 1].max() - 0.605, np.abs(run.v2).max() - 0.91) < 1e-4
+        assert max(angle.max() - 0.55, np.abs(run.v2).max() - 0.9) < 0.0  # a bound without a range has no reserve
+        assert run.q[:, 1].max() - 0.605 < 1e-6
     assert (angle.max() > 0.54, run.q[-1, :2].tolist()) == (True, pytest.approx([1.5, 0.6], abs=0.12))
 
 
