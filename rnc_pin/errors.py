@@ -7,6 +7,7 @@ import inspect
 import itertools
 import json
 import sys
+import warnings
 from collections import ChainMap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -420,6 +421,14 @@ def check_extra(extra: str, purpose: str) -> None:
     """
     if find_spec(_PACKAGES[extra].module) is None:
         raise ConfigurationError(f"{purpose}: {missing_extra(extra)}")
+
+
+def warn(text: str) -> None:
+    """Give a ``ModelWarning`` at the line outside this package that led here."""
+    frame, level = sys._getframe(1), 2
+    while frame.f_back is not None and str(frame.f_globals.get("__name__")).startswith("rnc_pin."):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(text, ModelWarning, stacklevel=level)
 
 
 def check_classes(

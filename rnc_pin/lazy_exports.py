@@ -82,9 +82,11 @@ def _explained(module: ModuleType, name: str, title: str) -> object:
         try:
             return call(*arguments, **named)
         except (AttributeError, TypeError):
-            from rnc_pin.errors import check_classes
+            # Calls among modules of this package fail by what the outermost one was given, which is explained.
+            if not str(sys._getframe(1).f_globals.get("__name__")).startswith("rnc_pin."):
+                from rnc_pin.errors import check_classes
 
-            check_classes(title, call, arguments, named)
+                check_classes(title, call, arguments, named)
             raise
 
     if isinstance(export, type):

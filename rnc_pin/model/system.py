@@ -6,14 +6,13 @@ At a state where the kept rows become dependent, ``factorization`` selects other
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from typing import TypeVar
 
 import numpy as np
 
-from rnc_pin.errors import ConstraintError, ModelWarning, SingularityError, argument, few
+from rnc_pin.errors import ConstraintError, SingularityError, argument, few, warn
 from rnc_pin.math.linear_algebra import null_space
 from rnc_pin.model import independence
 from rnc_pin.model.assembly import Assembly
@@ -143,7 +142,7 @@ class NonholonomicSystem(SummaryMixin):
         independence.check_actuators(blocks, self.actuation, kinematics, self._samples)
         independence.check_forces(blocks, self.forces, kinematics, self._samples)
         for doubt in _doubts(robot, blocks, samples[:, self.kept], found):
-            warnings.warn(f"robot '{robot.name}': {doubt}", ModelWarning, stacklevel=2)
+            warn(f"robot '{robot.name}': {doubt}")
 
     def _selected(self, couplings: Sequence[str], spread: float = np.pi) -> tuple[np.ndarray, independence.Selection]:
         """All rows (samples, k, nv) at sampled configurations, and the independent ones."""

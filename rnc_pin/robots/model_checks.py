@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ModelError, ModelWarning, argument, few
+from rnc_pin.errors import ModelError, argument, few, warn
 from rnc_pin.printing import significant
 from rnc_pin.robots.joint_values import NamedModel
 from rnc_pin.robots.sources.description import Body
@@ -38,12 +37,10 @@ def check_model(model: pin.Model) -> None:
     check_inertias(model)
     moving = joints_with_moving_axes(model)
     if moving:
-        warnings.warn(
+        warn(
             f"robot '{model.name}': axes of {few(moving)} depend on the joint's own position. Pinocchio's Jacobian "
             "rates and Coriolis matrix are wrong for such joints, so R_dot, V and A_star_dot are refused. "
-            "Accelerations are right. Use joints of one degree of freedom instead",
-            ModelWarning,
-            stacklevel=2,
+            "Accelerations are right. Use joints of one degree of freedom instead"
         )
 
 
@@ -186,7 +183,7 @@ def check_inertias(model: pin.Model) -> None:
     rotors = "rotational inertia but zero mass behind {}: such bodies are idealised, so check the file"
     for names, fault in ((impossible, unreal), (weightless, rotors)):
         if names:
-            warnings.warn(f"robot '{model.name}': {fault.format(few(names))}", ModelWarning, stacklevel=2)
+            warn(f"robot '{model.name}': {fault.format(few(names))}")
 
 
 def massless(model: pin.Model, bodies: Mapping[str, Body]) -> tuple[Massless, ...]:

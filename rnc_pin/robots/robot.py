@@ -7,7 +7,6 @@ about one point are additive, so a link is replaced by adding the difference.
 
 from __future__ import annotations
 
-import warnings
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from copy import copy
@@ -19,7 +18,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ModelError, ModelWarning, argument, nearest
+from rnc_pin.errors import ModelError, argument, nearest, warn
 from rnc_pin.printing import ObjectSummary, SummaryMixin, counted, items
 from rnc_pin.robots import robot_files
 from rnc_pin.robots.joint_values import JointValue, NamedModel, base_of
@@ -256,7 +255,7 @@ class Robot(NamedModel, SummaryMixin):
         robot.closures = (*self.closures, *(each for each in other.closures if "universe" not in each[:2]))
         if len(robot.closures) < len(self.closures) + len(other.closures):
             text = f"robot '{other.name}': its loop closures with the world are omitted, because it is mounted"
-            warnings.warn(text, ModelWarning, stacklevel=2)
+            warn(text)
         robot.references = {**self.references, **other.references}
         robot.locked = {**self.locked, **other.locked}
         robot._frozen = self._frozen | other._frozen

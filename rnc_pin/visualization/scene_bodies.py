@@ -8,7 +8,6 @@ A page includes the textures of Collada meshes, so each texture must be an image
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from io import BytesIO
@@ -21,7 +20,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.collision import Obstacle
-from rnc_pin.errors import ModelError, ModelWarning
+from rnc_pin.errors import ModelError, warn
 from rnc_pin.io.safe_read import read_bytes
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.rows import GroundSurface, carrier_of
@@ -86,7 +85,7 @@ def has_own_textures(mesh: Path, folders: Sequence[Path]) -> bool:
         places = [mesh.parent / each for each in {name, unquote(name)}]
         if not any(_is_image(place) for place in places if is_below(place, roots)):
             text = f"{mesh.name}: texture '{name[:120]}' is not an image below the robot's own folders and is left out"
-            warnings.warn(text, ModelWarning, stacklevel=2)
+            warn(text)
             return False
     return True
 

@@ -33,7 +33,7 @@ PERIODS = {
     "free-flying-arm": 0.0035, "tiago": 0.004, "unicycle": 0.0055,  # whose gains do not suit a slower one
     # Whose samples cost most.
     "ball-on-plate": 0.016, "docking": 0.04, "doorway": 0.04, "forklift-pallet": 0.08,
-    "free-flying-arm-limits": 0.064, "free-flying-truss": 0.08, "mecanum-crowd": 0.08,
+    "free-flying-arm-limits": 0.04, "free-flying-truss": 0.08, "mecanum-crowd": 0.08,
     "mobile-manipulator-two-phase": 0.016, "parallel-parking": 0.04, "snakeboard-point": 0.04,
     "tiago-doorway": 0.02, "tiago-shelf": 0.05, "tiago-two-phase": 0.012, "trailer-lot": 0.1,
     "wheels-uncertain": 0.012,

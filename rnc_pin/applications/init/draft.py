@@ -28,7 +28,7 @@ from rnc_pin.applications.init.trial import Trial
 from rnc_pin.applications.init.wheel_detection import Wheel, WheelSearch
 from rnc_pin.applications.init.wheel_layout import WheelLayout, classify_wheels
 from rnc_pin.applications.init.wheeled_base import knife_edge_base, wheeled_base
-from rnc_pin.errors import ConfigurationError, ModelError, ModelWarning, RncError, few
+from rnc_pin.errors import ConfigurationError, ModelError, ModelWarning, RncError, few, warn
 from rnc_pin.verdict import Finding, FindingKind
 
 
@@ -194,7 +194,7 @@ def draft_with_decisions(source: str, folder: Path, wishes: DraftOptions | None 
                 found = _tried(source, folder, choices.with_choices(other.choices), [decided])
                 taken = first if found.trial.doubts else found
     for message in dict.fromkeys(taken.warnings):
-        warnings.warn(message, ModelWarning, stacklevel=3)
+        warn(message)
     return taken.scenario
 
 

@@ -498,7 +498,8 @@ class WheelSearch:
                 axis = self._at_start.own_axis(axle, frame.name)
                 away = float(np.linalg.norm(across(self._data.oMf[index].translation - point, axle)[:2]))
                 found += [(not isinstance(axis, str), away, str(frame.name), axis)] if away <= near else []
-        return min(found, key=lambda each: each[:2])[2:] if found else None
+        # Of frames at one place the last: a link that a file adds to a body at the axle is named after the axle.
+        return min(reversed(found), key=lambda each: each[:2])[2:] if found else None
 
 
 _ROUND = (1 - 10 * SAME) * 2 * np.pi  # range of a joint that turns round once [rad]: files write 3.14

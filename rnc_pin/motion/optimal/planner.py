@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -15,7 +14,7 @@ from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
 from rnc_pin.analysis.derivatives import state_derivatives
-from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError, ModelWarning
+from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError, warn
 from rnc_pin.model.input_validation import (
     NotNegative,
     Positive,
@@ -320,7 +319,7 @@ def plan_motion(
     if made.info.solutions < wanted:
         found, tried = made.info.solutions, made.info.guesses
         text = f"plan: {found} solutions instead of {wanted}: the other {tried - found} of {tried} guesses led to none"
-        warnings.warn(f"{text}; allow more seeds or iterations", ModelWarning, stacklevel=2)
+        warn(f"{text}; allow more seeds or iterations")
     return made
 
 
@@ -351,7 +350,7 @@ def _warn_of_differences(problem: Transcription) -> None:
     error = float(np.max(moving.difference_error))
     if error > 0:
         text = f"derivatives of user-defined rows or outputs are finite differences (error {error:.1g} at the start)"
-        warnings.warn(f"plan: {text}; nodes are evaluated one at a time", ModelWarning, stacklevel=4)
+        warn(f"plan: {text}; nodes are evaluated one at a time")
 
 
 plan = plan_motion

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, asdict, dataclass
 from typing import NamedTuple
@@ -20,7 +19,7 @@ from rnc_pin.control.controller import (
     State,
     nested,
 )
-from rnc_pin.errors import ConfigurationError, ModelWarning, RncError
+from rnc_pin.errors import ConfigurationError, RncError, warn
 from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.motion.optimal.bounds import BoundKind, Goal, GoalRows
@@ -176,7 +175,7 @@ class PredictiveController(DescribedMixin):
         if self._stalls_at is not None:
             weights = ", ".join(map(str, self._stalls_at.coordinates.weights))
             text = f"predictive control: weights {weights}: {QUADRATIC}"
-            warnings.warn(text, ModelWarning, stacklevel=3)
+            warn(text)
         self._h = self.horizon / self.nodes
 
     @property

@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ModelError, ModelWarning, missing_extra, nearest
+from rnc_pin.errors import ModelError, missing_extra, nearest, warn
 from rnc_pin.io.safe_read import LARGEST
 from rnc_pin.robots import robot_files
 from rnc_pin.robots.sources import description
@@ -64,7 +64,7 @@ def read_mjcf(
     if ignored | nonlinear:
         notes.append(f"{', '.join(sorted(ignored | nonlinear))} is left out of the model: add constraints for it")
     for note in [*built.notes, *notes]:
-        warnings.warn(f"{path.name}: {note}", ModelWarning, stacklevel=3)
+        warn(f"{path.name}: {note}")
     geometry = MjcfGeometry(compiled, built, assets)
     return description.Description(
         built.model,

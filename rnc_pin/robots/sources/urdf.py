@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -11,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ModelError, ModelWarning, argument, few, nearest
+from rnc_pin.errors import ModelError, argument, few, nearest, warn
 from rnc_pin.robots import robot_files
 from rnc_pin.robots.sources import description
 from rnc_pin.robots.sources.urdf_links import Meshes, bodies_of, give_masses
@@ -74,7 +73,7 @@ def read_urdf(
     if snap:
         notes += _snap(root)
     for note in notes:
-        warnings.warn(f"{path.name}: {note}", ModelWarning, stacklevel=3)
+        warn(f"{path.name}: {note}")
     text = ElementTree.tostring(root, encoding="unicode")
     model = _build(text, path, base)
     bodies = bodies_of(root)
@@ -288,5 +287,5 @@ def _mimics(root: ElementTree.Element, path: Path) -> tuple[description.Mimic, .
     if strangers:
         more = f" (and {len(strangers) - 1} more)" if len(strangers) > 1 else ""
         text = f"{path}: mimic of an invalid joint is ignored: {strangers[0]}{more}"
-        warnings.warn(text, ModelWarning, stacklevel=4)
+        warn(text)
     return tuple(mimics)

@@ -6,7 +6,6 @@ A robot can be simulated without meshes, so missing meshes cause one warning and
 from __future__ import annotations
 
 import itertools
-import warnings
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from copy import deepcopy
@@ -17,7 +16,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ModelError, ModelWarning, few, nearest
+from rnc_pin.errors import ModelError, few, nearest, warn
 from rnc_pin.robots import robot_files
 from rnc_pin.robots.sources import description
 from rnc_pin.robots.sources.mesh_formats import LoadedMesh, MeshError, MeshShapes, put_in, read_mesh
@@ -148,7 +147,7 @@ class Meshes:
             why = [f"{Path(name).name} ({fault})" for name, fault in faults.items()]
             parts.append(f"{_meshes(len(faults))} not readable: {few(why)}")
         text = f"{self._path}: {'; '.join(parts)}; boxes of the inertia's size stand in"
-        warnings.warn(text, ModelWarning, stacklevel=6)
+        warn(text)
 
     def _home(self, name: str, packages: robot_files.Packages) -> str:
         """Folder where a file is expected, or its package if that is not found, in words."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import re
-import warnings
 from collections import ChainMap
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ from xml.etree.ElementTree import Element, ParseError
 
 import yaml
 
-from rnc_pin.errors import ModelError, ModelWarning, nearest
+from rnc_pin.errors import ModelError, nearest, warn
 from rnc_pin.io.safe_read import BoundedLoader, load_yaml, parse_tree, read_bytes
 from rnc_pin.robots.sources.xacro import expressions
 from rnc_pin.robots.sources.xacro.expressions import Namespace, Value
@@ -544,7 +543,7 @@ class Substitution:
 
     def _warn(self, *words: Value, **_options: Value) -> str:
         text = " ".join(map(str, words))
-        warnings.warn(f"{self.files[0].name}: {text[:300]}", ModelWarning, stacklevel=2)
+        warn(f"{self.files[0].name}: {text[:300]}")
         return ""
 
 
