@@ -135,7 +135,8 @@ class NodeOutputs(SelectedOutputs):
         found = [find_output(reduced, each, "expected") for each in chosen]
         for stack, rows in found:
             for row in rows[stack.quasi[rows]]:
-                raise ConfigurationError(f"output '{stack.names[row]}' is a speed: it has no value; use VelocityCost")
+                instead = "use VelocityCost or VelocityBound"
+                raise ConfigurationError(f"output '{stack.names[row]}' is a speed: it has no value; {instead}")
         super().__init__(found)
         self.units = tuple(stack.units[row].removesuffix("/s") for stack, rows in found for row in rows)
         self.angular = tuple(bool(stack.angular[row]) for stack, rows in found for row in rows)

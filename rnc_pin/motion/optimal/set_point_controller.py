@@ -34,9 +34,7 @@ _SAMPLES = 40  # whose mean is the error at rest: noise that is above the tolera
 _STATE_COST = 10.0  # of feedback by velocities: they know no inertia, and the costs lead aside motions
 _MOST_NODES = 1000  # of SolverSettings
 _FARTHEST = 0.5  # place at which a robot is held, from the robot [m or rad]: 50 m/s^2 or rad/s^2 by forces
-_SAMPLED = (
-    0.15  # natural frequency at rest times the sampling period, at most: for measurements a sample late, with noise
-)
+_SAMPLED = 0.15  # natural frequency at rest times the period, at most: measurements may be late and noisy
 _RETRY, _LONGEST = 1.0, 6  # time until the next search after the first one in vain [s], and how often it doubles
 
 

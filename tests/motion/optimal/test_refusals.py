@@ -60,6 +60,7 @@ WRONG, INPUT, NONE = rnc.ConfigurationError, rnc.InputError, rnc.InfeasibleError
 test_mistakes_are_refused_in_one_line = refused([
     (lambda: planned(form="kinematics"), WRONG, "did you mean 'kinematic'"),
     (lambda: planned(duration=0.0), INPUT, "duration"),
+    (lambda: rnc.optimal.DistanceBound([], clearance=0.1), WRONG, "distances: expected CollisionDistances, found []"),
     (lambda: planned(goal={"sleigh_spede_x": 1.0}), WRONG, "no output 'sleigh_spede_x'"),
     (lambda: planned(bounds=[optimal.InputBound(1.0, -1.0)]), INPUT, "above upper limit"),
     (lambda: SetPointController(systems.sleigh(), GOAL, 4.0, bounds=[optimal.VelocityBound(1.0, -1.0)]), INPUT,
