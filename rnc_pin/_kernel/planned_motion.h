@@ -207,8 +207,8 @@ static PyObject *planned_derivatives(Evaluator *ev, PyObject *const *args, Py_ss
     return result(&all, ok);
 }
 
-/* Form, intervals K, steps of each, step; q, w and inputs (K nu). Record of q and w of all K steps. False if the general
-   way has to decide. */
+/* Form, intervals K, steps of each, step; q, w and inputs (K nu). Record of q and w of all K steps. False if the
+   general way has to decide. */
 static PyObject *planned_motion(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = 1};
