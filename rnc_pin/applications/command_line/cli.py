@@ -334,7 +334,8 @@ def run() -> None:
                 main()
             finally:
                 ignore_endings()
-                gc.freeze()  # a collection at the exit would take as long as writing a run
+                if "ompl" not in sys.modules:  # its bindings print all that is left as leaked
+                    gc.freeze()  # a collection at the exit would take as long as writing a run
     except KeyboardInterrupt:  # it came between the command and the end
         sys.exit(FAILED)
 

@@ -452,3 +452,11 @@ def test_the_module_is_the_command_too(tmp_path):
     command = [sys.executable, "-m", "rnc_pin", "list", "--json"]
     process = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE)
     assert sorted(parsed(process.stdout)) == built_in_names()
+
+
+def test_nothing_is_printed_after_a_command_that_searched_a_way(tmp_path):
+    """OMPL's bindings print what is not collected at the exit."""
+    code = "import sys, ompl.base, rnc_pin.applications.command_line.cli as cli; sys.argv[1:] = ['list']; cli.run()"
+    command = [sys.executable, "-c", code]
+    process = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE)
+    assert (process.returncode, process.stderr) == (0, "")
