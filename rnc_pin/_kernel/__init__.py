@@ -70,7 +70,7 @@ if TYPE_CHECKING:
     from rnc_pin._kernel import compiled as library  # ``compiled.pyi`` has the types
 else:
     library = _found
-    """Extension module, or ``NUMPY_ALONE``. Functions return False for arrays that they leave to NumPy."""
+    """Extension module, or ``NUMPY_ALONE``. Functions return False or None for arrays that they leave to NumPy."""
 kernel: str = "numpy" if _found is NUMPY_ALONE else "c"
 """Path that evaluates models: "c" or "numpy"."""
 

@@ -176,7 +176,7 @@ class Evaluator:
             dt: duration of the sample [s].
         """
         kernel = self.kernel
-        numbers = None if kernel is None else kernel.calls.sample(q, v2, np.array([dt]))
+        numbers = self.calls.sample(q, v2, np.array([dt]))
         if kernel is None or numbers is None:
             return None
         numbers.setflags(write=False)

@@ -217,7 +217,7 @@ def build_plan(
             guess=guess,
             seed=scenario.seed,
             v2_0=None if kinematic else start.v2,
-            **{name: getattr(settings, name) for name in ("form", "seeds", "solutions", "at_rest", "time_weight")},
+            **settings.values_of("form", "seeds", "solutions", "at_rest", "time_weight"),
             feedback=lambda plan: _regulator(scenario).along(reduced, plan, simulation.joint_damping),
             dt=simulation.dt,
             plant=ReducedPlant(reduced, *simulation.plant_options),

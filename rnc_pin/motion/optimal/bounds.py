@@ -15,7 +15,7 @@ from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.collision import CollisionDistances, PairDistances
 from rnc_pin.constraints.wheeled_base import SIDE_SLIP, missing_lateral_rows
-from rnc_pin.errors import ConfigurationError, InputError, nearest, short_text
+from rnc_pin.errors import ConfigurationError, InputError, check_classes, nearest
 from rnc_pin.model.rows import RowStack
 from rnc_pin.model.task import OutputTarget
 from rnc_pin.motion.optimal import node_data
@@ -190,9 +190,8 @@ class DistanceBound(BoundKind):
     pairs: int = 6
 
     def __post_init__(self) -> None:
-        if not isinstance(self.distances, CollisionDistances):
-            found = short_text(self.distances)
-            raise ConfigurationError(f"DistanceBound: distances: expected CollisionDistances, found {found}")
+        # Others would fail in calls that know the bound alone.
+        check_classes("DistanceBound", DistanceBound.__init__, (self,), vars(self))
 
     def bind(self, model: ActionModel) -> NodeBound:
         return DistanceRows(self)

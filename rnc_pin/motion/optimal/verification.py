@@ -21,8 +21,6 @@ from rnc_pin.verdict import Finding, FindingKind, Severity
 CONTACT = 1e-6  # [m], error of a measured distance
 _INPUTS = {"kinematic": FindingKind.VELOCITY, "acceleration": FindingKind.ACCELERATION, "dynamic": FindingKind.EFFORT}
 _KINDS = {"output": FindingKind.POSITION} | {kind: FindingKind(kind) for kind in ("goal", "velocity", "slip")}
-
-
 _ROUNDING = 1e-6  # of a number of samples, as of runs
 _DIVERGED = 100.0  # error of a loop whose motion diverges [m, rad, m/s or rad/s]
 

@@ -104,11 +104,11 @@ class MotionMetric:
         ends = [(each.parentJoint, float(np.linalg.norm(each.placement.translation))) for each in model.frames]
         longest = max((reach[joint] + offset for joint, offset in ends if turned[joint]), default=0.0)
         self.scales = np.where(turns, 1.0, 1.0 / (longest or 1.0))
-        somewhere, unit = pin.integrate(model, robot.configuration(), np.cos(np.arange(reduced.n))), np.eye(reduced.n)
+        somewhere = kinematics.position(pin.integrate(model, robot.configuration(), np.cos(np.arange(reduced.n))))
         last = (chains.sum(axis=0) * np.bincount(joint_of, minlength=model.njoints) == 1.0)[joint_of]
         last[limited.v] = False
-        for i in np.flatnonzero(last & turns & rows.jacobian(kinematics.position(somewhere)).any(axis=0)):
-            if np.abs(rows.jacobian_dot(kinematics.position(somewhere).with_velocity(unit[i]))).max() < _SAME:
+        for i in np.flatnonzero(last & turns & rows.jacobian(somewhere).any(axis=0)):
+            if np.abs(rows.jacobian_dot(somewhere.with_velocity(np.eye(reduced.n)[i]))).max() < _SAME:
                 self.scales[i] = _WHEEL
         self.curvature /= self.scales**2
         self._last: tuple[bytes, MotionBasis] | None = None

@@ -9,7 +9,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Discriminator, Field, Tag, model_validator
@@ -26,9 +26,6 @@ from rnc_pin.motion.optimal import MotionPlan
 from rnc_pin.motion.planning import Reference
 from rnc_pin.motion.whole_body import ProgramState
 from rnc_pin.simulation import Margins, margins_along, obstacles_passed
-
-if TYPE_CHECKING:
-    pass
 
 _LONGEST = 350  # letters of the reasons that one error names
 MIN_SINGULAR_VALUE = 0.01

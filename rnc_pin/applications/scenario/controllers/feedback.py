@@ -305,7 +305,7 @@ class SetPointSettings(_ToSetPoint):
             (self.duration[0], self.duration[1]) if isinstance(self.duration, list) else self.duration,
             bounds=list(bounds_of(self, context.reduced, context.obstacles, context.q0, self.tolerance)),
             limits=None if self.limits is None else self.limits.build(),
-            **{name: getattr(self, name) for name in _SET_POINT},
+            **self.values_of(*_SET_POINT),
         )
         # Its steps return what ``velocities`` says, which its type does not tell.
         if self.velocities:
@@ -398,5 +398,5 @@ class WayFollowerSettings(_ToGoal):
         settings = replace(WAY_SEARCH, improve=_FURTHER)
         search = partial(find_way, settings=settings, seed=self.seed, selection=pairs, clearance=self.clearance)
         way = search(reduced, context.q0, goal_of(self.goal, context.outputs, reduced), context.obstacles)
-        own = {name: getattr(self, name) for name in optimal.WayFollower.described}
+        own = self.values_of(*optimal.WayFollower.described)
         return ActuatorVelocityController(reduced, optimal.WayFollower(reduced, way, **own))

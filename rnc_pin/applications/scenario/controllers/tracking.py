@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -25,9 +25,6 @@ from rnc_pin.errors import ConfigurationError
 from rnc_pin.io import Strict, wrong
 from rnc_pin.model import NotNegative, Positive, Task
 from rnc_pin.motion.planning import Joined, Reference, ReferencePoint
-
-if TYPE_CHECKING:
-    pass
 
 
 class PlatformSettings(Strict):

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Annotated, Literal, TypeVar, cast
+from typing import Annotated, ClassVar, Literal, TypeVar, cast
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter, model_validator
 
@@ -19,7 +20,7 @@ from rnc_pin.errors import nearest
 from rnc_pin.figures import Sheet, Size
 from rnc_pin.interruption import nothing_to_keep
 from rnc_pin.io import LIST, Json, Strict, validated
-from rnc_pin.lab.mujoco import MuJoCoSettings
+from rnc_pin.lab.mujoco import Integrator, MuJoCoSettings, Stance
 from rnc_pin.model import ConstraintKind, NonholonomicSystem, NotNegative, OutputKind, Positive, ReducedModel
 from rnc_pin.plants import Faults, StuckJoint
 from rnc_pin.verdict import FindingKind
@@ -58,7 +59,7 @@ class ControlLoopSettings(Strict):
         return cast(LoopOptions, stated)
 
 
-class PlantSettings(ClassReader(MuJoCoSettings).model):  # type: ignore[misc]  # with the fields of MuJoCoSettings
+class PlantSettings(Strict):
     """Simulated plant: the reduced model of rnc_pin, or the robot in MuJoCo.
 
     ``MuJoCoSettings`` describes the settings of MuJoCo.
@@ -69,6 +70,18 @@ class PlantSettings(ClassReader(MuJoCoSettings).model):  # type: ignore[misc]  #
         servo_time: time constant of ideal velocity servos [s], for a controller whose commands are velocities.
     """
 
+    described_by: ClassVar[type] = MuJoCoSettings
+
+    step: float = 0.0005
+    integrator: Integrator = "RK4"
+    friction: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    contact_time: float = 0.0
+    stance: Stance = "auto"
+    casters: Literal["auto"] | bool = "auto"
+    settling: float = 0.2
+    joint_limits: bool = False
+    joint_damping: bool = False
+    effort_limits: bool = False
     type: Literal["reduced", "mujoco"] = "mujoco"
     servo_time: Positive | None = None
 
@@ -90,19 +103,31 @@ class PlantSettings(ClassReader(MuJoCoSettings).model):  # type: ignore[misc]  #
     @property
     def settings(self) -> MuJoCoSettings:
         """Settings of MuJoCo."""
-        return MuJoCoSettings(**self.model_dump(include=self.model_fields_set - {"type", "servo_time"}))
+        return MuJoCoSettings(**self.model_dump(exclude={"type", "servo_time"}))
 
 
-class FaultSettings(ClassReader(Faults).model):  # type: ignore[misc]  # with the fields of Faults
+class FaultSettings(Strict):
     """Differences between the simulated plant and the model of the controller.
 
     Attributes:
+        position_noise: standard deviations [rad or m, rad/s or m/s].
+        velocity_noise: standard deviations [rad or m, rad/s or m/s].
+        counts: encoder counts per 2 pi rad or 2 pi m; positions are rounded to them.
+        delay: measurement delay [samples].
+        dropped: fraction of samples that are lost; the previous sample is repeated.
+        effort: input limit of every actuator [N or N m]; the loop knows it.
         masses: largest relative error of the inertia of each body, as a fraction. The scenario's ``seed`` draws the
             errors.
         forces: springs, dampers, friction and wrenches that the model of the controller does not contain.
         stuck: joint that locks; the model of the controller does not contain this.
     """
 
+    position_noise: float = 0.0
+    velocity_noise: float = 0.0
+    counts: float | None = None
+    delay: int = 0
+    dropped: float = 0.0
+    effort: float | None = None
     masses: Annotated[float, Field(ge=0, lt=1)] = 0.0
     forces: list[kinds.ForceItem] = []
     stuck: Annotated[StuckJoint, ClassReader(StuckJoint)] | None = None
@@ -115,8 +140,8 @@ class FaultSettings(ClassReader(Faults).model):  # type: ignore[misc]  # with th
     @property
     def faults(self) -> Faults:
         """Faults of sensors and actuators."""
-        own = self.model_fields_set - {"masses", "forces", "stuck"}
-        return Faults(**self.model_dump(include=own, exclude_none=True))
+        counts, effort = (math.inf if each is None else each for each in (self.counts, self.effort))
+        return Faults(self.position_noise, self.velocity_noise, counts, self.delay, self.dropped, effort)
 
 
 class Initial(Strict):

@@ -20,11 +20,12 @@ from rnc_pin.applications.scenario.schema.kinds import ConstraintItem
 from rnc_pin.applications.scenario.schema.scenario import schema, validate
 from rnc_pin.collision import Obstacle
 from rnc_pin.control.loop import LoopSettings
+from rnc_pin.lab.mujoco import MuJoCoSettings
 from rnc_pin.motion import optimal
 from rnc_pin.motion.planning import CarPath
 from rnc_pin.motion.whole_body import InverseDynamicsQP, VelocityQP, tasks
 from rnc_pin.motion.whole_body.limits import CollisionAvoidance
-from rnc_pin.plants import ContactPlant, ReducedPlant
+from rnc_pin.plants import ContactPlant, Faults, ReducedPlant
 from rnc_pin.visualization.drawn_state import View
 
 KINDS = [getattr(package, name) for package in (rnc.constraints, rnc.outputs) for name in package.__all__]
@@ -70,6 +71,7 @@ def test_the_view_is_declared_once():
 def test_a_default_of_a_file_is_that_of_its_class():
     elsewhere = {"bounds", "limits", "fallback", "form", "name"}  # in another form, or with a default of its own
     for settings, kind in [
+        (scenario.PlantSettings, MuJoCoSettings), (scenario.FaultSettings, Faults),
         (scenario.ControlLoopSettings, LoopSettings), (run_settings.SimulationSettings, ReducedPlant),
         (run_settings.SimulationSettings, ContactPlant), (world.BoxObstacle, Obstacle),
         (motions.OutputCostSettings, optimal.OutputCost), (motions.OptimalPlanner, optimal.SolverSettings),
