@@ -297,7 +297,7 @@ class CollisionDistances:
             k: OmittedPair(pair.names, "overlap in nearly all configurations")
             for k, pair in enumerate(kept)
             if pair[:2] in usual
-        } | self._touching(robot.configuration() if q0 is None else self._validator.validate(q0))
+        } | self._touching(robot.configuration() if q0 is None else self._validator.validate_one(q0, "q0"))
         self.omitted = (*omitted, *touching.values())
         self._use([pair for k, pair in enumerate(kept) if k not in touching])
 
@@ -476,8 +476,6 @@ class CollisionDistances:
 
     def _touching(self, q0: np.ndarray) -> dict[int, OmittedPair]:
         """Pairs of links that touch at a configuration, by index."""
-        if q0.ndim != 1:
-            raise InputError(f"q0 has shape {q0.shape}, expected ({self.robot.nq},)")
         found = self.at(q0, within=_TOUCHING)
         return {
             int(k): OmittedPair(self.pairs[k].names, f"overlap by {depth:.4f} m at the reference configuration", depth)

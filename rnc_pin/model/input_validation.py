@@ -60,6 +60,18 @@ class ConfigurationValidator:
             raise _NOT_OF_UNIT_LENGTH
         return q
 
+    def validate_one(self, q: ArrayInput, name: str = "q") -> np.ndarray:
+        """Validated copy of one configuration (nq,).
+
+        Args:
+            q: the configuration (nq,).
+            name: the input in messages.
+        """
+        found = self.validate(q)
+        if found.ndim > 1:
+            raise InputError(f"{name} has shape {found.shape}, expected one configuration ({self._nq},)")
+        return found
+
 
 _NOT_OF_UNIT_LENGTH = InputError("q holds a (cos, sin) pair or a quaternion that is not of unit length")
 

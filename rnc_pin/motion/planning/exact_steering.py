@@ -71,6 +71,7 @@ class JointCouplings:
         self._reduced, self.velocities, self.unknown = reduced, list[int](), list[str]()
         joints, rows = list(reduced.robot.model.joints)[1:], reduced.assembly
         single = [each.idx_v for each in joints if each.nv == 1]
+        # One configuration tells which joints a row moves: the ratios of a linkage change, not its members.
         at = Kinematics(reduced.robot).position(reduced.robot.configuration())
         for name, row in zip(rows.names, rows.jacobian(at) if rows.size else (), strict=True):
             moved = np.flatnonzero(row)
@@ -151,11 +152,14 @@ class Steering(ABC):
 
     def along(self, start: Float[Array, " nq"], steps: Float[Array, "k nv"]) -> ExactMotion:
         """Motion along displacements, with long turns divided: two configurations do not tell them from short ones."""
+        # A base and a ball turn by the logarithm of a rotation, which is the shorter turn: two nodes more than half a
+        # turn apart would tell of the opposite motion.
         counts = np.maximum(np.ceil(np.abs(steps[:, self._turns]).max(axis=1, initial=0.0) / _TURN), 1.0).astype(int)
         steps = np.repeat(steps / counts[:, None], counts, axis=0)
         found, led = [np.array(start)], self.couplings.velocities
         for step in steps:
             found.append(self.couplings.applied(self.manifold.integrate(found[-1][None], step[None])[0]))
+            # Joints that are coupled take part in the step: bounds of distances and durations read it.
             step[led] = self.manifold.difference(found[-2][None], found[-1][None])[0, led]
         return ExactMotion(np.array(found), steps)
 
@@ -171,6 +175,7 @@ class Steering(ABC):
             v = flow.velocity(along, np.repeat(step[None], len(_PARTS), axis=0))
             if np.abs(v[:, self.planned] - step).max() > _EXACT:
                 raise ConfigurationError("find_way: the rows do not allow a motion of the exact steering")
+            # A wheel of a base on an arc keeps its rate, and one step is exact. A caster swings round behind it.
             changes = np.ptp(v, axis=0).max() > _EXACT
             pieces = int(np.ceil(np.abs(step).max() / _FINE)) if changes else 1
             geodesic = geodesic and not changes
@@ -200,6 +205,7 @@ class _AxleSteering(Steering):
 
     def __init__(self, reduced: ReducedModel, planned: Bool[Array, " nv"], row: Float[Array, " 3"]) -> None:
         super().__init__(reduced, planned)
+        # Complex numbers turn and add plane vectors in one expression: an arc is a product.
         across = complex(row[0], row[1])
         forward = -1j * across / abs(across)
         along = forward.real if abs(forward.real) > 1e-6 else forward.imag
@@ -243,6 +249,7 @@ class DifferentialDrive(_AxleSteering):
     def displacements(self, start: Array, goal: Array) -> Iterator[Array]:
         x, y, turn = self.seen(start, goal)
         joints, away = self.joints(start, goal), float(np.hypot(x, y))
+        # Forwards or backwards: the one that turns less comes first.
         choices = []
         for length, bearing in ((away, np.arctan2(y, x)), (-away, np.arctan2(-y, -x))) if away > _SHORT else ((0, 0),):
             last = float(wrapped(turn - bearing))
@@ -281,6 +288,8 @@ class CarSteering(_AxleSteering):
         angles = np.linspace(*((-_STEEPEST, _STEEPEST) if unlimited else (low + free, high - free)), _GRID)
         curvatures = np.array([self._curvature(angle) for angle in angles])
         middle, slopes = int(np.nanargmin(np.abs(curvatures))), np.diff(curvatures)
+        # The curvature rises with the angle around straight ahead; beyond the first turning points, or where rows are
+        # singular, an angle for a curvature would not be unique.
         turns_back = np.flatnonzero(~(slopes * slopes[min(middle, len(slopes) - 1)] > 0.0))
         first = turns_back[turns_back < middle].max(initial=-1) + 1
         last = turns_back[turns_back >= middle].min(initial=len(slopes))
@@ -315,11 +324,13 @@ class CarSteering(_AxleSteering):
             R = self.reduced.at(q).R
         except SingularityError:
             return np.nan
+        # The rows leave one direction of the base, whatever the reducing outputs: the first singular vector.
         speed, turn = self.axle_velocity(np.linalg.svd(R[:3])[0][:, 0])
         held = (low >= high) | ((q[led] > low - _EXACT) & (q[led] < high + _EXACT))
         return float(turn / speed) if abs(speed) > 1e-6 and held.all() else np.nan
 
     def displacements(self, start: Array, goal: Array) -> Iterator[Array]:
+        # Longer paths of a search are rarely the free ones, and each costs a check; a guess takes all of them.
         for word in self._words(start, goal)[:_PATHS]:
             yield self._steered(word, start, goal)
 
@@ -380,6 +391,7 @@ class AimedSteering(Steering):
         if np.abs(whole[self._base.resting]).max(initial=0.0) > _EXACT:
             return
         whole[~self.sampled] = 0.0
+        # Where the pivots for the straight motion have dependent rows, a middle aside of it has other angles.
         aside, part = np.zeros(len(whole)), np.isin(np.arange(len(whole)), own)
         for offset in _OFFSETS:
             aside[own] = offset * [self._base.length, self._base.length, 1.0]
@@ -395,7 +407,7 @@ class AimedSteering(Steering):
         """Displacements along pieces of a motion, with turns of the pivots before each and at the end; or None."""
         base, q, steps, pivots = self._base, start, list[Array](), self._base.pivots
         for piece in pieces:
-            if np.abs(piece[base.base]).max() > _SHORT:
+            if np.abs(piece[base.base]).max() > _SHORT:  # a base that stands needs no aim
                 motion = base.at(q)
                 twist = np.linalg.solve(motion.moving[base.base], piece[base.base])
                 turn, beyond = base.turns(motion, q, twist, np.zeros(len(pivots)))

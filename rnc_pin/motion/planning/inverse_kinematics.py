@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from annotated_types import Ge
 from numpy.typing import ArrayLike
 
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.collision import CollisionDistances
 from rnc_pin.errors import ConfigurationError, InputError, SingularityError
-from rnc_pin.model.input_validation import ConfigurationValidator, is_count, is_number
-from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.input_validation import ConfigurationValidator, check_settings, is_number
+from rnc_pin.model.kinematics import Kinematics, PositionKinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import OutputTarget, OutputTargets
 from rnc_pin.printing import Line, ObjectSummary, SummaryMixin, counted, items
@@ -84,11 +85,6 @@ class IkResult(SummaryMixin):
         return ObjectSummary(title, [line for line in lines if line[1]])
 
 
-def _check_length(name: str, value: object, least: float) -> None:
-    if not (is_number(value) and value >= least):
-        raise InputError(f"{name} has to be a number of at least {least:g}, found {value!r}")
-
-
 @dataclass(frozen=True)
 class IkSearch:
     """Search of ``solve_ik``.
@@ -99,21 +95,20 @@ class IkSearch:
         seed: random seed of the starts; equal seeds give equal results.
 
     Raises:
-        InputError: an option is out of range.
+        ConfigurationError: an option is out of range.
 
     Example:
         >>> rnc.IkSearch(starts=50, seed=1).tolerance
         1e-06
     """
 
-    tolerance: float = 1e-6
-    starts: int = 20
+    # Rows close to 1e-9 and descents end by rounding: no finer error can be told.
+    tolerance: Annotated[float, Ge(1e-10)] = 1e-6
+    starts: Annotated[int, Ge(1)] = 20
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if not is_count(self.starts, 1):
-            raise InputError(f"starts has to be a positive integer, found {self.starts!r}")
-        _check_length("tolerance", self.tolerance, 1e-10)
+        check_settings(self)
 
 
 _SEARCH = IkSearch()
@@ -152,7 +147,7 @@ def solve_ik(
 
     Raises:
         ConfigurationError: unknown output, or a value that no configuration can have.
-        InputError: a value has the wrong shape or is not finite; or an option is out of range.
+        InputError: a value has the wrong shape or is not finite, or the clearance is negative.
         ModelError: unknown joint.
 
     Example:
@@ -166,10 +161,9 @@ def solve_ik(
         >>> far.converged, {name: round(error, 3) for name, error in far.unreachable.items()}
         (False, {'tip': 3.0})
     """
-    q0 = ConfigurationValidator(reduced.robot).validate(q0)
-    if q0.ndim != 1:
-        raise InputError(f"q0 has shape {q0.shape}, expected ({reduced.robot.nq},)")
-    _check_length("clearance", clearance, 0.0)
+    q0 = ConfigurationValidator(reduced.robot).validate_one(q0, "q0")
+    if not (is_number(clearance) and clearance >= 0.0):
+        raise InputError(f"clearance: expected a number of at least 0 m, found {clearance!r}")
     problem = _Problem(reduced, OutputTargets(reduced, targets), hold, limits, collisions, clearance)
     generator = np.random.default_rng(search.seed)
     best: Descent | None = None
@@ -189,7 +183,9 @@ def solve_ik(
         raise ConfigurationError(
             f"targets {', '.join(problem.targets.labels)} are undefined at all {search.starts} starts"
         )
-    if not problem.solves(best.q, search.tolerance):  # minima beyond the reach are flat
+    if not problem.solves(best.q, search.tolerance):
+        # Minima beyond the reach are flat: the usual progress ends a descent early, and the nearest configuration would
+        # be inexact. Only the best one is worth the further steps.
         best = problem.closed(descend(problem.evaluate, problem.bounds, best.q, progress=_FLAT))
         steps += best.steps
     return problem.result(problem.with_fewest_turns(best.q, q0), search.tolerance, count, steps)
@@ -218,30 +214,29 @@ class _Problem:
         self.bounds = TangentBounds(model, lower, upper, held)
 
     def evaluate(self, q: np.ndarray) -> Residuals:
-        at, assembly = self._kinematics.position(q), self._reduced.assembly
+        at = self._kinematics.position(q)
         e = self.targets.error(at)
         J = self.targets.jacobian(at, e)
         if self._collisions is not None:
+            # A little farther than the clearance, so that the configuration keeps it although the error is not zero.
             near = self._collisions.at(q, within=self._clearance + _EXTRA)
             e = np.concatenate([e, _REPULSION * (self._clearance + _EXTRA - near.distance)])
             J = np.concatenate([J, _REPULSION * near.jacobian])
-        if not assembly.size:
-            return Residuals(e, J, np.zeros(0), np.zeros((0, len(J.T))))
-        leading = assembly.leading
-        return Residuals(e, J, assembly.residual(q)[leading], assembly.jacobian(at)[leading])
+        return self._with_rows(at, e, J)
+
+    def _with_rows(self, at: PositionKinematics, e: np.ndarray, J: np.ndarray) -> Residuals:
+        """Errors of targets beside the holonomic rows that do not follow from others."""
+        assembly = self._reduced.assembly
+        return Residuals(e, J, assembly.residual(at.q)[assembly.leading], assembly.jacobian(at)[assembly.leading])
 
     def closed(self, found: Descent) -> Descent:
         """Return the result of a descent with its holonomic rows satisfied to rounding, if they can be."""
-        assembly = self._reduced.assembly
-        if not assembly.size or found.residual <= _ROUNDING:
+        if found.residual <= _ROUNDING:
             return found
-        leading, nothing = assembly.leading, np.zeros((0, self._reduced.n))
-
-        def rows(q: np.ndarray) -> Residuals:
-            at = self._kinematics.position(q)
-            return Residuals(nothing[:, 0], nothing, assembly.residual(q)[leading], assembly.jacobian(at)[leading])
-
-        polished = descend(rows, self.bounds, found.q)
+        # The descent weighs targets against rows where both cannot hold: without targets, the rows decide.
+        nothing = np.zeros((0, self._reduced.n))
+        place = self._kinematics.position
+        polished = descend(lambda q: self._with_rows(place(q), nothing[:, 0], nothing), self.bounds, found.q)
         error = float(np.linalg.norm(self.evaluate(polished.q).e))
         return Descent(polished.q, error, polished.residual, found.steps + polished.steps)
 
@@ -253,6 +248,7 @@ class _Problem:
             step[joint.idx_v :][: _LINEAR.get(joint.shortname(), 0)] *= _AWAY / _TURN
         step[bounds.held] = 0.0
         q = pin.integrate(model, q0, step)
+        # Entries with limits are drawn anew, over their whole range.
         here, wide = q0[bounds.q_index], bounds.upper - bounds.lower > 2 * _TURN  # a full turn is enough
         low = np.where(wide, np.maximum(bounds.lower, here - _TURN), bounds.lower)
         high = np.where(wide, np.minimum(bounds.upper, here + _TURN), bounds.upper)
@@ -270,6 +266,7 @@ class _Problem:
                 nearest = q[k] - 2 * np.pi * np.round((q[k] - q0[k]) / (2 * np.pi))
                 low, high = limits.get(k, (-np.inf, np.inf))
                 turned[k] = nearest if low <= nearest <= high else q[k]
+        # A target may ask for the turns, such as a position of a joint beyond half a turn.
         before, after = (self.evaluate(each) for each in (q, turned))
         worse = np.abs(after.e).sum() > np.abs(before.e).sum() + _ROUNDING
         return q if worse or self._holonomic_residual(turned) > self._holonomic_residual(q) + _ROUNDING else turned
@@ -286,7 +283,7 @@ class _Problem:
 
     def _holonomic_residual(self, q: np.ndarray) -> float:
         assembly = self._reduced.assembly
-        return float(np.abs(assembly.residual(q)[assembly.leading]).max(initial=0.0)) if assembly.size else 0.0
+        return float(np.abs(assembly.residual(q)[assembly.leading]).max(initial=0.0))
 
     def _near(self, q: np.ndarray) -> dict[str, float]:
         """Return the pairs that are nearer than the clearance, with their distances [m]."""
@@ -431,12 +428,12 @@ def descend(
         if gradient < _STATIONARY and np.abs(here.h).max(initial=0.0) < _EXACT:
             break
         dq *= min(1.0, _LONGEST / max(float(np.abs(dq).max(initial=0.0)), 1e-300))
+        # Steps keep to the bounds by themselves; rounding may pass them by an ulp.
         ahead_q = bounds.clip(pin.integrate(bounds.model, q, dq))
         ahead = evaluate(ahead_q)
         after = _merit(ahead)
-        if (
-            after <= (1.0 + _DESCENT_ROUNDING) * merit
-        ):  # near a minimum beyond reach, only the gradient still shows progress
+        # Near a minimum beyond reach, rounding hides the decrease: only the gradient still shows progress.
+        if after <= (1.0 + _DESCENT_ROUNDING) * merit:
             stalls = stalls + 1 if after > (1.0 - progress) * merit else 0
             q, here, merit, factor = ahead_q, ahead, after, max(factor / 4.0, _BOLDEST)
         else:
@@ -467,12 +464,14 @@ def _step(at: Residuals, damping: float, low: np.ndarray, high: np.ndarray) -> t
         dq[free] = found
         beyond = free & ((dq < low) | (dq > high))
         if beyond.any():
+            # All of them at once: fewer solutions than one after the other, and a wrong one is released below.
             dq[beyond] = np.clip(dq[beyond], low[beyond], high[beyond])
             free = free & ~beyond
             continue
         slope = _slope(at, damping, dq, free)
         inward = np.where(dq > low, -slope, slope)
         inward[free | ~movable] = 0.0
+        # As many releases as there are entries: dependent entries could take turns without end.
         if released == len(low) or inward.max(initial=0.0) <= _STATIONARY:
             return dq, max(gradient, np.abs(dq[fixed]).max(initial=0.0))
         released += 1
@@ -492,9 +491,10 @@ def _free_step(J: np.ndarray, e: np.ndarray, H: np.ndarray, h: np.ndarray, dampi
     n = J.shape[1]
     if not n:
         return np.zeros(0), 0.0
-    if not len(H):
+    if not len(H):  # most robots have no loops, and need no decomposition
         g = J.T @ e
         return np.linalg.solve(J.T @ J + damping * np.eye(n), g), float(np.abs(g).max())
+    # By singular values: rows of a loop lose rank at dead centres, and the step along the others is still wanted.
     left, values, right = np.linalg.svd(H)
     rank = int((values > _DEPENDENT * max(values[0], 1e-300)).sum())
     first = right[:rank].T @ ((left[:, :rank].T @ h) / values[:rank])

@@ -88,6 +88,7 @@ class SteeringGeometry:
             raise ConfigurationError(f"'{self._name}' does not steer frame '{frame}'")
         self.range: tuple[float, float] = float(curvature[0]), float(curvature[-1])
         """Smallest and largest curvature that the output reaches [1/m]."""
+        # The table inverts the curvature: its slopes are the inverses, and need no differences.
         self._outputs = scipy.interpolate.CubicHermiteSpline(curvature, output, 1.0 / curvature_slope)
         self._ratios = scipy.interpolate.CubicHermiteSpline(curvature, ratio, speed_slope / curvature_slope)
 
@@ -118,6 +119,7 @@ class SteeringGeometry:
             except (SingularityError, ConstraintError):
                 break
             turned = sign * (row.curvature - (found[-1] if found else first).curvature) <= 0
+            # Beyond the turning point of the curvature, the inverse would have two values.
             if turned or row.curvature_slope / first.curvature_slope < _FLAT or self._is_outside(q):
                 break
             found.append(row)
@@ -138,7 +140,7 @@ class SteeringGeometry:
         steering = StateEvaluation(here, v=here.R[:, self._steering])
         W, rates = self._rows.jacobian(here.position) @ here.R, self._rates(steering)
         driven, steered = W[:, self._speed], W[:, self._steering]
-        length = 1.0 / self._largest
+        length = 1.0 / self._largest  # turns and displacements are compared over the smallest radius
         if not abs(driven[0]) > _ROUNDED:
             self._refuse("does not move along its x axis")
         if abs(driven[1]) > _ROUNDED * abs(driven[0]):
@@ -202,7 +204,7 @@ def find_steering(reduced: ReducedModel, q0: Float[Array, " nq"], *, room: float
     planned = ~samples.followers()
     places = np.flatnonzero(planned)
     if reduced.r == len(places):
-        return FreeSteering(reduced, planned)
+        return FreeSteering(reduced, planned)  # as many free directions as planned velocities
     if reduced.robot.model.joints[1].shortname() != "JointModelPlanar":
         _refuse(reduced, "the rows restrict joints other than a planar base")
     base = WheeledBase(reduced, next(each.name for each in reduced.robot.model.frames if each.parentJoint == 1))
@@ -238,10 +240,10 @@ class SampledBases:
     def __init__(self, reduced: ReducedModel, q0: Array) -> None:
         self._reduced, self._model, self.couplings = reduced, reduced.robot.model, JointCouplings(reduced)
         self._limited = limited_positions(reduced.robot, None).v
-        self._generator = np.random.default_rng(0)
+        self._generator = np.random.default_rng(0)  # the kind of a robot's steering does not depend on a seed
         self._q, self.bases = [np.array(q0)], [np.array(reduced.at(q0).R)]
         for _ in range(_SAMPLES - 1):
-            with suppress(SingularityError):
+            with suppress(SingularityError):  # fewer samples decide then: the rows are rarely singular
                 q = reduced.random_configuration(self._generator)
                 self.bases.append(np.array(reduced.at(q).R))
                 self._q.append(q)
@@ -253,11 +255,13 @@ class SampledBases:
         """
         found = np.isin(np.arange(self._model.nv), self.couplings.velocities)
         size = -1
+        # A wheel below a caster follows only when the caster does: repeat until no joint is added.
         while size < found.sum():
             size = found.sum()
             for joint in list(self._model.joints)[1:]:
                 if joint.nv != 1 or found[joint.idx_v] or joint.idx_v in self._limited:
                     continue
+                # Its motion has to follow from the others: without it, the rest still spans all motions.
                 rest = ~found
                 rest[joint.idx_v] = False
                 if all(np.linalg.matrix_rank(R[rest], tol=_EXACT) == R.shape[1] for R in self.bases):

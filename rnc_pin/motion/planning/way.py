@@ -105,7 +105,7 @@ class Way(SummaryMixin):
         else:
             k = self._before(times)
             v, since = self.v[k], (times - self.time[k])[:, None]
-            if self.geodesic:
+            if self.geodesic:  # no evaluation of the rows: the check of distances asks for many times
                 found = self._manifold.integrate(self.q[k], since * v)
             else:
                 planned = None if self.info.steering == "propagated" else self.planned
@@ -157,25 +157,18 @@ def way_along(
     v = motion.steps / durations[:, None]
     for array in (time, motion.q, v):
         array.setflags(write=False)
-    length, residual = _length(reduced, motion), _residual(reduced, motion, v)
+    length = float(np.linalg.norm(motion.steps[:, : base_axes(reduced.robot.model)], axis=1).sum())
+    residual = _residual(reduced, motion, v)
     return Way(reduced, time, motion.q, v, planned, length, residual, info, checker, motion.geodesic)
-
-
-def _length(reduced: ReducedModel, motion: ExactMotion) -> float:
-    """Length of the path of a base [m]."""
-    return float(np.linalg.norm(motion.steps[:, : base_axes(reduced.robot.model)], axis=1).sum())
 
 
 def _residual(reduced: ReducedModel, motion: ExactMotion, v: Array) -> float:
     """Largest entry of ``A(q) v`` at the nodes; for geodesics also halfway and at their ends."""
     places = [motion.q[:-1]]
-    if motion.geodesic:
-        places += [
-            ConfigurationManifold(reduced.robot.model).integrate(motion.q[:-1], 0.5 * motion.steps),
-            motion.q[1:],
-        ]
-    pairs = [(q, rate) for each in places for q, rate in zip(each, v, strict=True)]
-    return max((float(np.abs(reduced.at(q).A @ rate).max(initial=0.0)) for q, rate in pairs), default=0.0)
+    if motion.geodesic:  # other motions have these velocities at their nodes alone
+        middles = ConfigurationManifold(reduced.robot.model).integrate(motion.q[:-1], 0.5 * motion.steps)
+        places += [middles, motion.q[1:]]
+    return max(float(np.abs(np.matvec(reduced.at(each).A, v)).max(initial=0.0)) for each in places)
 
 
 class _Pieces(NamedTuple):
@@ -196,13 +189,14 @@ class _Pieces(NamedTuple):
 
     def loads(self, counts: Int[Array, " m"], h: float) -> tuple[Int[Array, " m"], Float[Array, " m"], Array]:
         """Intervals of length h in which the speed rises, and falls; its top; and how much faster than bounds it is."""
+        # A quarter of the intervals each: the peak of the speed is then 4/3 of its mean, and the rate moderate.
         ramps = np.maximum(counts // 4, 1)
         top = np.diff(self.stops) / (h * (counts - ramps))
         return ramps, top, np.maximum(top / self.speeds, np.sqrt(top / (h * ramps * self.rates)))
 
     def counts(self, intervals: int, duration: float) -> Int[Array, " m"]:
         """Intervals of each piece: each one more is for the piece whose motion exceeds its bounds most."""
-        counts = np.full(len(self.speeds), 2)
+        counts = np.full(len(self.speeds), 2)  # one to speed up, one to stop
         for _ in range(intervals - counts.sum()):
             loads = self.loads(counts, duration / intervals)[-1]
             counts[np.argmax(loads > (1.0 - _SAME) * loads.max())] += 1  # rounding does not decide
@@ -266,6 +260,7 @@ def motion_along(
     pieces, h = _pieces(way, limits), duration / intervals
     counts = pieces.counts(intervals, duration)
     speed = np.full(intervals + 1, pieces.ends[-1] / duration)
+    # Else pieces need more intervals than there are, and the caller has to accept a motion that does not stop.
     if counts.sum() == intervals:
         ramps, top, _ = pieces.loads(counts, h)
         within = np.concatenate([np.arange(count) for count in counts])
@@ -274,6 +269,7 @@ def motion_along(
         speed[-1] = 0.0
     mean = 0.5 * (speed[:-1] + speed[1:])
     places = np.concatenate([[0.0], np.cumsum(h * mean)])
+    # The mean velocity of an interval belongs to the piece of its middle: its ends may be corners.
     middle = np.searchsorted(pieces.ends, 0.5 * (places[:-1] + places[1:]), "right") - 1
     along = pieces.directions[np.clip(middle, 0, len(pieces.k) - 1)]
     at = np.clip(np.searchsorted(pieces.ends, places, "right") - 1, 0, len(pieces.k) - 1)

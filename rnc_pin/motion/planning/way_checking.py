@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from rnc_pin.array_shapes import Array, Bool, Float
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection, continuous_distances
 from rnc_pin.collision.continuous_distances import default_tolerance, too_near
-from rnc_pin.errors import InfeasibleError, InputError
+from rnc_pin.errors import InfeasibleError
 from rnc_pin.model.coordinates import ConfigurationManifold
 from rnc_pin.model.input_validation import ConfigurationValidator
 from rnc_pin.model.reduced_model import ReducedModel
@@ -69,6 +69,7 @@ class WayChecker:
     def violation(self, q: Float[Array, " nq"]) -> tuple[str, float] | None:
         """Pair that is too near at a configuration, and its distance [m]; None if all are far enough."""
         found = self.distances.smallest(q, 0.0, self.clearance + self.tolerance)
+        # Obstacles and links have different limits: the pair that lacks most is named, not the nearest one.
         if not len(found) or found[worst := int(np.argmin(found - self._least))] > self._least[worst]:
             return None
         self.blocks[worst] += 1
@@ -77,6 +78,7 @@ class WayChecker:
     def is_free(self, motion: ExactMotion) -> bool:
         """True if bounds show that no distance of a motion is too small."""
         self.checked += 1
+        # A few samples cost less than bounds, and most motions of a search in a narrow place are not free.
         if any(self.violation(q) is not None for q in self._samples(motion)):
             return False
         time = np.arange(len(motion.q), dtype=float)
@@ -148,14 +150,6 @@ _DRAWN = 4  # random starts for each further goal configuration
 _ALIKE = 3  # random configurations at a goal with the same distance to the same obstacle: all others have it too
 
 
-def validated_configuration(reduced: ReducedModel, q: ArrayLike) -> Float[Array, " nq"]:
-    """Copy of one configuration (nq,)."""
-    found = ConfigurationValidator(reduced.robot).validate(q)
-    if found.ndim != 1:
-        raise InputError(f"q has shape {found.shape}, expected ({reduced.robot.nq},)")
-    return np.array(found)
-
-
 def check_configuration(reduced: ReducedModel, checker: WayChecker | None, q: Array, what: str) -> None:
     """Raise an error if a configuration is beyond a limit or too near to something."""
     problem = _problem_of(reduced, checker, q)
@@ -167,7 +161,8 @@ def _problem_of(reduced: ReducedModel, checker: WayChecker | None, q: Array) -> 
     """Text about a configuration that is beyond a limit or too near to something; "" for others."""
     bounds = position_limits(reduced)
     moved = np.abs(bounds.clip(q) - q)
-    if moved.max() > 1e-9:
+    rounding = 1e-9  # [rad or m]; inverse kinematics and integrations end at a limit to rounding
+    if moved.max() > rounding:
         worst = int(np.flatnonzero(bounds.q_index == int(np.argmax(moved)))[0])
         name = reduced.robot.velocity_names[int(bounds.v_index[worst])]
         return f"is beyond the position limit of joint '{name}' by {moved.max():.3g}"
@@ -212,13 +207,15 @@ def goal_configurations(
         seed: seed of random starts.
     """
     if not isinstance(goal, Mapping):
-        end = validated_configuration(reduced, goal)
+        end = ConfigurationValidator(reduced.robot).validate_one(goal, "goal")
         check_configuration(reduced, checker, end, "goal")
         return end[None]
     beside = None
     if checker is not None and checker.distances.obstacles:
+        # Obstacles alone repel: links that touch each other at a goal are left to the check below.
         beside = CollisionDistances(reduced.robot, checker.distances.obstacles, PairSelection(links=False))
     begun, found, why = time.monotonic(), list[Array](), ""
+    # The check asks for one tolerance beyond the clearance; at its very limit, rounding would decide about a goal.
     clearance = 0.0 if checker is None else checker.clearance + 2 * checker.tolerance
 
     bounds, (low, high) = position_limits(reduced), np.full((2, reduced.n), [[-np.pi], [np.pi]])
@@ -258,17 +255,20 @@ def goal_configurations(
 
     generator = np.random.default_rng(seed)
     for attempt in count():
-        enough = most if attempt < _DRAWN * most else 1
+        enough = most if attempt < _DRAWN * most else 1  # a goal that few configurations reach is satisfied with one
         if len(found) >= enough or (attempt and time.monotonic() - begun > seconds):
             break
         begin = drawn(generator) if attempt else start
+        # One descent from each random start: a start that fails is replaced by the next one.
         result, q, problem = reached(begin, 1 if attempt else 20, beside)
+        # A goal inside an obstacle is refused at once: random starts would take all of the time in vain.
         if not attempt and (problem or not result.converged) and (same := same_problem()):
             raise InfeasibleError(f"find_way: the goal {same}")
         if not result.converged:
             why = why or f"no configuration reaches {', '.join(result.unreachable) or 'the goal beside obstacles'}"
             continue
         why = problem and f"the goal {problem}"
+        # The same configuration twice would take a tree of its own in the search, and give no choice.
         if not problem and all(np.abs(q - other).max() > 1e-3 for other in found):
             found.append(q)
     if not found:

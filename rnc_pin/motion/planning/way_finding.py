@@ -13,20 +13,20 @@ from numpy.typing import ArrayLike
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.collision import Obstacle, PairSelection
 from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError, check_extra
-from rnc_pin.model.input_validation import NotNegative, Positive, check_instances, is_count
+from rnc_pin.model.input_validation import (
+    ConfigurationValidator,
+    NotNegative,
+    Positive,
+    check_instances,
+    check_settings,
+)
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import OutputTarget
 from rnc_pin.motion.planning.action_models import KinematicFlow
 from rnc_pin.motion.planning.exact_steering import ExactMotion, Steering, base_axes
 from rnc_pin.motion.planning.steering_detection import SampledBases, find_steering
 from rnc_pin.motion.planning.way import Way, WayInfo, way_along
-from rnc_pin.motion.planning.way_checking import (
-    WayChecker,
-    check_configuration,
-    goal_configurations,
-    validated_configuration,
-    way_checker,
-)
+from rnc_pin.motion.planning.way_checking import WayChecker, check_configuration, goal_configurations, way_checker
 from rnc_pin.motion.planning.way_propagation import DEVIATION, PropagatedSearch
 from rnc_pin.motion.planning.way_search import SHORTER, SearchBudget, WaySearch, base_area, drive_times, speed_limits
 
@@ -51,7 +51,7 @@ class WaySettings:
             obstacles, with room to turn around it.
 
     Raises:
-        InputError: a number is out of range.
+        ConfigurationError: a number is out of range.
 
     Example:
         >>> rnc.planning.WaySettings(seconds=5.0, hold=["torso_lift_joint"]).shortcuts
@@ -67,12 +67,7 @@ class WaySettings:
     area: ArrayLike | None = None
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.seconds < np.inf:
-            raise InputError(f"seconds: expected a positive number, found {self.seconds!r}")
-        counts = [("goals", self.goals, 1), ("shortcuts", self.shortcuts, 0), ("improve", self.improve, 0)]
-        for name, value, least in counts + ([] if self.motions is None else [("motions", self.motions, 1)]):
-            if not is_count(value, least):
-                raise InputError(f"{name}: expected an integer of at least {least}, found {value!r}")
+        check_settings(self)
 
 
 _DEFAULT = WaySettings()
@@ -128,14 +123,15 @@ def find_way(
     if not 0.0 <= clearance < np.inf:
         raise InputError(f"clearance: expected a number of at least 0 m, found {clearance!r}")
     _check_stands(obstacles)
-    start = validated_configuration(reduced, q0)
+    start = ConfigurationValidator(reduced.robot).validate_one(q0, "q0")
     steering = _steering(reduced, start, settings)
     planned = ~SampledBases(reduced, start).followers() if steering is None else steering.planned
+    # Nodes of propagated motions are checked with geodesics between them, which the motion leaves by this much.
     apart = clearance if steering else clearance + DEVIATION
     checker = way_checker(reduced.robot, start, obstacles, selection, apart)
     budget = SearchBudget(settings.seconds, settings.motions)
     check_configuration(reduced, checker, start, "start")
-    limits = settings.seconds / 2, settings.goals, settings.hold
+    limits = settings.seconds / 2, settings.goals, settings.hold  # the search has at least half of the time
     ends = goal_configurations(goal, start, steering, reduced, checker, *limits, seed)
     places = np.vstack([start, ends])
     area = base_area(reduced, 0.0 if steering is None else steering.radius, places, obstacles, checker, settings.area)
@@ -150,6 +146,7 @@ def find_way(
         raise _failure(search, checker, reduced, ends, budget)
     if steering is not None:
         motion = steering.completed(motion, start)
+        # The search has moved planned joints alone: wheels and casters that follow are looked at once, at its end.
         follow = None if planned.all() else checker
         if follow is not None and not follow.holds_with(steering.along(start, motion.steps), ~planned):
             raise InfeasibleError("find_way: wheels or casters that follow collide on the way: they are not round")
@@ -184,11 +181,13 @@ def _fastest(
     shortest = np.inf
     while True:
         if motion is None:
-            # At first the joints of a mobile robot stay within the range of start and goals.
+            # At first the joints of a mobile robot stay within the range of start and goals: most ways need its base
+            # alone, and the space of the arm's joints is much larger.
             held, most = (every, _FIRST) if tight else (settings.hold, _ATTEMPT)
             motion = search.run(held, most, seed + attempt)
             attempt += 1
         if motion is not None:
+            # RRT's ways have needless detours: before they are shortened, their durations say little.
             motion = search.shortened(motion, settings.shortcuts, seed)
             duration = float(drive_times(motion.steps, speeds).sum())
             if best is None:
@@ -214,7 +213,7 @@ def _steering(reduced: ReducedModel, start: Array, settings: WaySettings) -> Ste
                 "find_way: hold needs an exact steering, which is not known for this system; lock these joints"
             ) from None
         return None
-    check_extra("ompl", "find_way")
+    check_extra("ompl", "find_way")  # only here: propagated motions need no OMPL
     return steering
 
 
