@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -11,11 +12,11 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, argument, few, nearest, warn
+from rnc_pin.io.safe_read import read_bytes
 from rnc_pin.robots import robot_files
 from rnc_pin.robots.sources import description
 from rnc_pin.robots.sources.urdf_links import Meshes, bodies_of, give_masses
 from rnc_pin.robots.sources.urdf_repairs import ENDLESS, Roundings, repair
-from rnc_pin.robots.sources.xacro import expand, has_macros, is_xacro
 
 CHILDREN: Mapping[str, tuple[str, ...]] = {
     "robot": ("link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor"),
@@ -103,8 +104,10 @@ def parse_urdf(
         ModelError: the file cannot be read, or is not a URDF.
     """
     # A plain URDF is read once; only a file with macros is read again, by their expander.
-    root = None if is_xacro(path) else description.parse_xml(path)
-    if root is None or has_macros(root, path):
+    root = None if path.name.endswith(".xacro") else description.parse_xml(path)
+    if root is None or _has_macros(root, path):
+        from rnc_pin.robots.sources.xacro import expand  # most files have no macros, and do not wait for it
+
         root = expand(path, xacro_arguments, packages, CHILDREN)
     elif xacro_arguments:
         raise ModelError(f"{path}: xacro arguments are for a file whose name ends in .xacro or that uses xacro")
@@ -113,6 +116,16 @@ def parse_urdf(
     if root.find("link") is None:
         raise ModelError(f"{path}: {_why_no_links(root, path)}")
     return root
+
+
+def _has_macros(root: ElementTree.Element, path: Path) -> bool:
+    """True if a file has a xacro element, or declares the prefix and has an expression of xacro, whatever its name."""
+    if any(element.tag.startswith("xacro:") for element in root.iter()):
+        return True
+    expression = re.compile(r"\$\{|\$\((arg|find|env|optenv|eval|dirname|anon)\b")
+    used = any(expression.search(text) for element in root.iter() for text in element.attrib.values())
+    # The parser drops declarations of prefixes.
+    return used and b"xmlns:xacro" in read_bytes(path)
 
 
 def _why_no_links(root: ElementTree.Element, path: Path) -> str:

@@ -17,8 +17,8 @@ from places import ROOT
 from rnc_pin.robots.robot_files import Packages
 from rnc_pin.robots.sources.urdf import CHILDREN
 from rnc_pin.robots.sources.xacro import expand
-from rnc_pin.robots.sources.xacro.definitions import read_macro
-from rnc_pin.robots.sources.xacro.expressions import admit, builtins, evaluate
+from rnc_pin.robots.sources.xacro_definitions import read_macro
+from rnc_pin.robots.sources.xacro_expressions import admit, builtins, evaluate
 from urdf_parts import XACRO
 
 HERE = ROOT / "tests"
@@ -142,6 +142,8 @@ WHOLE = {
     "unknown name": '<a x="${nobody}"/>',
     "wrong parameter": '<xacro:macro name="m" params="x"/><xacro:m y="1"/>',
     "no end": '<a x="${1"/>',
+    "eval without a space": '<a x="$(eval)"/>',
+    "eval after a tab": '<a x="$(eval&#9;1)"/>',
     "bad name": '<xacro:property name="1a" value="2"/>',
     "environment": '<a x="$(optenv NOT_THERE some thing)" y="$(optenv NOT_THERE)"/>',
     "key twice": """<xacro:property name="s" value="${xacro.load_yaml('twice.yaml')}"/><a x="${s.link.inertia.xx}" y="${s.mass}"

@@ -5,20 +5,21 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections import ChainMap
-from collections.abc import Callable, Iterator, Mapping
+from collections import ChainMap, UserDict
+from collections.abc import Callable, Iterator, Mapping, MutableMapping
+from contextlib import suppress
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Protocol
 from xml.etree.ElementTree import Element, ParseError
 
 import yaml
 
 from rnc_pin.errors import ModelError, nearest, warn
 from rnc_pin.io.safe_read import BoundedLoader, load_yaml, parse_tree, read_bytes
-from rnc_pin.robots.sources.xacro import expressions
-from rnc_pin.robots.sources.xacro.expressions import Namespace, Value
+from rnc_pin.robots.robot_files import Packages
+from rnc_pin.robots.sources import xacro_expressions as expressions
+from rnc_pin.robots.sources.xacro_expressions import Function, Namespace, Value
 
 
 class PlacedElement(Element):
@@ -76,7 +77,7 @@ class Parameter:
     """Parameter of a macro.
 
     Attributes:
-        name: name of the property, or of a block, which begins with one or two stars.
+        name: name of the property, or of a block (an element), which begins with one or two stars.
         default: text of the default value; None if there is none.
         forwarded: True if a missing value is taken from the property of the same name in the caller's scope.
     """
@@ -84,11 +85,6 @@ class Parameter:
     name: str
     default: str | None = None
     forwarded: bool = False
-
-    @property
-    def block(self) -> bool:
-        """True if the parameter is a block, i.e. an element."""
-        return self.name.startswith("*")
 
 
 @dataclass(frozen=True)
@@ -136,24 +132,40 @@ def _parameters(text: str) -> Iterator[Parameter]:
 # ---------------------------------------------------------------------- scopes
 
 
-class Scope(Mapping[str, Value]):
-    """Properties of one macro, namespace or file. Other names are looked up in the parent.
+@dataclass(frozen=True, eq=False)
+class _Unresolved:
+    """Text of a property, evaluated in its scope on first access: it may use properties defined later."""
+
+    name: str
+    text: str
+    scope: Scope
+
+
+class Scope(ChainMap[str, Value]):
+    """Properties of one macro, namespace or file, before those of its parents and the predefined symbols.
 
     Args:
-        outer: parent scope, or the symbols that are predefined for every file.
+        symbols: symbols that are predefined for every file.
         resolve: function that evaluates the text of a property on first access.
+        parent: scope around it; None for the scope of the whole file.
         namespace: True for the scope of a file that was included with a name.
+
+    Attributes:
+        blocks: elements by the name of a block, ``*name`` or ``**name``.
     """
 
     def __init__(
-        self, outer: Scope | Mapping[str, Value], resolve: Callable[[str, Scope], Value], *, namespace: bool = False
+        self,
+        symbols: MutableMapping[str, Value],
+        resolve: Callable[[str, Scope], Value],
+        parent: Scope | None = None,
+        *,
+        namespace: bool = False,
     ) -> None:
-        self.outer, self.namespace = outer, namespace
-        self.blocks: dict[str, Element] = {}
-        self._resolve = resolve
-        self._values: dict[str, Value] = {}
-        self._pending: list[str] = []
-        self._unresolved: set[str] = set()
+        super().__init__({}, *([symbols] if parent is None else parent.maps))
+        self.blocks: ChainMap[str, Element] = ChainMap() if parent is None else parent.blocks.new_child()
+        self._symbols, self._resolve, self._parent, self._namespace = symbols, resolve, parent, namespace
+        self._pending: list[_Unresolved] = [] if parent is None else parent._pending
 
     def inner(self, *, namespace: bool = False) -> Scope:
         """Return a new child scope.
@@ -161,31 +173,19 @@ class Scope(Mapping[str, Value]):
         Args:
             namespace: True for the scope of a file that was included with a name.
         """
-        return Scope(self, self._resolve, namespace=namespace)
+        return Scope(self._symbols, self._resolve, self, namespace=namespace)
 
     def __getitem__(self, name: str) -> Value:
-        if name not in self._values:
-            return self.outer[name]
-        if name in self._unresolved:
-            if name in self._pending:
-                raise ModelError(f"circular definition: {' -> '.join((*self._pending, name))}")
-            # Properties on the way: one that needs itself would otherwise recurse without end.
-            self._pending.append(name)
-            value = literal(self._resolve(self._values[name], self))
-            self._pending.remove(name)
-            self._unresolved.discard(name)
-            self._values[name] = value
-        return self._values[name]
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._values or name in self.outer
-
-    def __iter__(self) -> Iterator[str]:
-        yield from self._values
-        yield from self.outer
-
-    def __len__(self) -> int:
-        return len(self._values) + len(self.outer)
+        value = super().__getitem__(name)
+        if not isinstance(value, _Unresolved):
+            return value
+        if value in self._pending:
+            raise ModelError(f"circular definition: {' -> '.join(each.name for each in (*self._pending, value))}")
+        # Properties on the way: one that needs itself would otherwise recurse without end.
+        self._pending.append(value)
+        found = value.scope.maps[0][name] = literal(self._resolve(value.text, value.scope))
+        self._pending.pop()
+        return found
 
     def define(self, name: str, value: Value, *, lazy: bool = False) -> None:
         """Define a property. A lazy text is evaluated on first access and may use properties defined later.
@@ -195,11 +195,8 @@ class Scope(Mapping[str, Value]):
             value: its value, or its text.
             lazy: True to evaluate a text on first access.
         """
-        self._values[name] = literal(value)
-        if lazy and isinstance(self._values[name], str):
-            self._unresolved.add(name)
-        else:
-            self._unresolved.discard(name)
+        value = literal(value)
+        self.maps[0][name] = _Unresolved(name, value, self) if lazy and isinstance(value, str) else value
 
     def remove(self, name: str) -> None:
         """Remove a property here and in all parents.
@@ -207,46 +204,20 @@ class Scope(Mapping[str, Value]):
         Args:
             name: name of the property.
         """
-        for scope in self._chain():
-            scope._values.pop(name, None)
-            scope._unresolved.discard(name)
-
-    def block(self, name: str) -> Element | None:
-        """Return the block of a name, ``*name`` or ``**name``, or None.
-
-        Args:
-            name: name with its stars.
-        """
-        return next((scope.blocks[name] for scope in self._chain() if name in scope.blocks), None)
+        for properties in self.maps[:-1]:  # the last map has the symbols
+            properties.pop(name, None)
 
     def outermost(self) -> Scope:
         """Return the scope of the whole file."""
-        return list(self._chain())[-1]
+        return self if self._parent is None else self._parent.outermost()
 
     def caller(self) -> Scope | None:
         """Return the scope that called the macro of this scope, or None."""
-        outside = list(self._chain())[1:]
-        return next((scope for scope in outside if self.namespace or not scope.namespace), None)
-
-    def _chain(self) -> Iterator[Scope]:
-        """Yield this scope and its parents, the innermost first."""
-        scope: Scope | Mapping[str, Value] = self
-        while isinstance(scope, Scope):
-            yield scope
-            scope = scope.outer
-
-
-class ScopeNamespace(Namespace):
-    """Namespace of the definitions of an included file.
-
-    Args:
-        name: name of the namespace.
-        scope: scope of the included file.
-    """
-
-    def __init__(self, name: str, scope: Scope) -> None:
-        super().__init__(name, scope)
-        self.scope = scope
+        scope = self._parent
+        # Scopes of included files are no callers, except of each other.
+        while scope is not None and scope._namespace and not self._namespace:
+            scope = scope._parent
+        return scope
 
 
 def literal(value: Value) -> Value:
@@ -259,13 +230,10 @@ def literal(value: Value) -> Value:
         return value
     if len(value) >= 2 and value[0] == value[-1] == "'":
         return value[1:-1]
-    if "_" in value:  # Python would drop it from a number
-        return value
-    for kind in (int, float):
-        try:
-            return kind(value)
-        except ValueError:
-            continue
+    if "_" not in value:  # Python would drop it from a number
+        for kind in (int, float):
+            with suppress(ValueError):
+                return kind(value)
     return {"true": True, "True": True, "false": False, "False": False}.get(value, value)
 
 
@@ -279,14 +247,10 @@ def truth(value: Value, text: str) -> bool:
     Raises:
         ModelError: the value is neither true nor false.
     """
-    if not isinstance(value, str):
-        return bool(value)
-    if value in ("true", "True", "false", "False"):
-        return value in ("true", "True")
-    try:
-        return bool(int(value))
-    except ValueError:
-        raise ModelError(f"'{text}' evaluates to '{value}', which is not a boolean") from None
+    found = literal(value) if isinstance(value, str) else bool(value)
+    if not isinstance(found, int):
+        raise ModelError(f"'{text}' evaluates to '{value}', which is not a boolean")
+    return bool(found)
 
 
 ENVIRONMENT = (
@@ -298,29 +262,16 @@ ENVIRONMENT = (
 _PIECES = re.compile(r"(?P<escape>\$\$+[{(])|\$\{(?P<value>[^}]*)\}|\$\((?P<command>[^)]*)\)|[^$]+|\$[^{($]+|\$$")
 
 
-class Arguments(Mapping[str, Value]):
-    """Arguments of a file. The mapping converts their values to numbers and bools if possible.
+class Arguments(UserDict[str, Value]):
+    """Arguments of a file as texts. The mapping converts them to numbers and bools if possible.
 
     Attributes:
         asked: names that the file declares or reads.
-        given: texts of the arguments given by the user.
     """
 
     def __init__(self, given: Mapping[str, str]) -> None:
-        self._texts = dict(given)
-        self.given = tuple(given.values())
+        super().__init__(given)
         self.asked: set[str] = set()
-
-    def declare(self, name: str, default: str | None) -> None:
-        """Declare an argument; the default applies if the user gives no value.
-
-        Args:
-            name: name of the argument.
-            default: text of its default; None if it has none.
-        """
-        self.asked.add(name)
-        if default is not None:
-            self._texts.setdefault(name, default)
 
     def text(self, name: str) -> str:
         """Return the text of an argument; a missing value raises ModelError.
@@ -329,57 +280,13 @@ class Arguments(Mapping[str, Value]):
             name: name of the argument.
         """
         self.asked.add(name)
-        if name not in self._texts:
+        if name not in self:
             given = f"xacro_arguments={{'{name}': ...}} (--arg {name}=...)"
             raise ModelError(f"argument '{name}' has no value: give it with {given}")
-        return self._texts[name]
+        return str(self.data[name])
 
     def __getitem__(self, name: str) -> Value:
-        text = self.text(name)
-        for kind in (int, float) if "." not in text else (float,):
-            try:
-                return kind(text)
-            except ValueError:
-                continue
-        return {"true": True, "false": False}.get(text.lower(), text)
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._texts
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._texts)
-
-    def __len__(self) -> int:
-        return len(self._texts)
-
-
-class FileAccess(Protocol):
-    """Files and packages that a file may name."""
-
-    def folder(self, name: str) -> Path | None:
-        """Folder of a package, or None if it is not found.
-
-        Args:
-            name: name of the package.
-        """
-        ...
-
-    def admit(self, file: Path, what: str) -> Path:
-        """Return the absolute path of a file; raise ModelError with the words ``what`` if it is not allowed.
-
-        Args:
-            file: path as in the description.
-            what: name of the file in messages.
-        """
-        ...
-
-    def add(self, path: Path) -> None:
-        """Allow a file that the user named.
-
-        Args:
-            path: path of the file.
-        """
-        ...
+        return literal(self.text(name))
 
 
 class Substitution:
@@ -388,7 +295,7 @@ class Substitution:
     Args:
         path: path of the file that is expanded.
         arguments: arguments of the file.
-        access: files and packages that the file may name.
+        packages: packages and files that the file may name.
 
     Attributes:
         files: files being read, the innermost last.
@@ -396,25 +303,26 @@ class Substitution:
         symbols: predefined names of all expressions in the file.
     """
 
-    def __init__(self, path: Path, arguments: Arguments, access: FileAccess) -> None:
+    def __init__(self, path: Path, arguments: Arguments, packages: Packages) -> None:
         self.files = [path]
         self.budget = expressions.Budget()
-        self.arguments = arguments
-        self._access = access
-        for text in arguments.given:
+        self.arguments, self._packages = arguments, packages
+        for text in arguments.data.values():
             self._chosen(text)
-        self.symbols = expressions.builtins() | self._xacro()
-        kinds = ("list", "dict", "str", "float", "int")
-        self._commands = expressions.mathematical() | {name: self.symbols[name] for name in kinds}
-        self._commands |= {"true": True, "false": False}
-        for name, run in (
-            ("arg", arguments.__getitem__),
-            ("dirname", self._folder),
-            ("env", self._variable),
-            ("optenv", self._optional_variable),
-            ("find", self._found),
-        ):
-            self._commands[name] = expressions.Function(run)
+        xacro = self._xacro()
+        own = {name: xacro[name] for name in ("load_yaml", "abs_filename")}
+        self.symbols = expressions.builtins() | own | {"xacro": Namespace("xacro", xacro)}
+        self._commands: dict[str, Callable[..., str]] = {
+            "arg": arguments.text,
+            "dirname": self._folder,
+            "env": self._variable,
+            "find": self._found,
+            "optenv": self._optional_variable,
+        }
+        # Names of $(eval ...): its arg() gives numbers, and not their text.
+        calls = {name: Function(run) for name, run in self._commands.items()} | {"arg": Function(arguments.__getitem__)}
+        kinds = {name: self.symbols[name] for name in ("list", "dict", "str", "float", "int")}
+        self._eval_names = expressions.mathematical() | kinds | {"true": True, "false": False} | calls
 
     def value(self, text: str, names: Mapping[str, Value]) -> Value:
         """Return a text with all substitutions; a text of a single expression keeps its type.
@@ -435,7 +343,7 @@ class Substitution:
             if piece["escape"] is not None:
                 values.append(piece[0][1:])
             elif piece["value"] is not None:
-                values.append(self._expression(piece["value"], names))
+                values.append(self._expression(str(self.value(piece["value"], names)), names))
             elif piece["command"] is not None:
                 values.append(self._command(str(self.value(piece["command"], names))))
             else:
@@ -444,8 +352,7 @@ class Substitution:
             return values[0]
         parts = [str(each) for each in values]
         # Before they are joined: a text that doubles in each macro would fill memory.
-        if sum(map(len, parts)) > expressions.LETTERS:
-            raise ModelError(f"a text of more than {expressions.LETTERS:,} characters")
+        expressions.check_length(sum(map(len, parts)))
         return "".join(parts)
 
     def path(self, name: str) -> Path:
@@ -462,37 +369,29 @@ class Substitution:
         Args:
             path: path of a file.
         """
-        return self._access.admit(path, f"file '{path}'")
+        return self._packages.admit(path, f"file '{path}'")
 
     def _expression(self, text: str, names: Mapping[str, Value]) -> Value:
-        value = expressions.evaluate(str(self.value(text, names)), names, self.budget)
-        if isinstance(value, expressions.Function | Namespace):
+        value = expressions.evaluate(text, names, self.budget)
+        if isinstance(value, Function | Namespace):
             raise ModelError(f"'{text[:80]}' is a function or namespace, no value")
         return value
 
     def _command(self, text: str) -> str:
         if text.startswith("eval "):
-            names = ChainMap(self._commands, self.arguments)  # type: ignore[arg-type]  # both are only read
-            return str(expressions.evaluate(text[5:], names, self.budget))
-        command, *words = text.split() or [""]
-        commands = ("arg", "dirname", "env", "eval", "find", "optenv")
-        if command not in commands:
-            raise ModelError(f"unknown command in '$({text[:60]})'{nearest(command, commands)}")
-        if command == "dirname":
-            return self._folder()
-        # Its default may have several words.
-        if command == "optenv" and words:
-            return self._optional_variable(words[0], " ".join(words[1:]))
-        if len(words) != 1:
-            raise ModelError(f"'$({text[:60]})' takes one name")
-        run = {"arg": self.arguments.text, "find": self._found, "env": self._variable}[command]
-        return run(words[0])
+            return str(self._expression(text[5:], ChainMap(self._eval_names, self.arguments)))
+        command, *words = text.split(maxsplit=2) or [""]  # the default of optenv may have several words
+        if command not in self._commands:
+            raise ModelError(f"unknown command in '$({text[:60]})'{nearest(command, ['eval', *self._commands])}")
+        if len(words) not in {"dirname": (0,), "optenv": (1, 2)}.get(command, (1,)):
+            raise ModelError(f"'$({text[:60]})' takes {'no' if command == 'dirname' else 'one'} name")
+        return self._commands[command](*words)
 
     def _folder(self) -> str:
         return str(self.files[-1].parent.resolve())
 
     def _found(self, name: str) -> str:
-        folder = self._access.folder(name)
+        folder = self._packages.folder(name)
         if folder is None:
             remedy = "give its folder in package_dirs (--package-dir) or in ROS_PACKAGE_PATH"
             raise ModelError(f"no package '{name}': {remedy}")
@@ -513,29 +412,25 @@ class Substitution:
         """Allow the file that the user names in an argument or variable. A folder is not allowed in this way."""
         path = Path(text)
         if path.is_absolute() and os.path.isfile(path):
-            self._access.add(path)
+            self._packages.add(path)
         return text
 
     def _xacro(self) -> dict[str, Value]:
-        functions = {
-            "load_yaml": expressions.Function(self._load_yaml),
-            "abs_filename": expressions.Function(lambda name: str(self.path(name))),
+        """Members of the namespace ``xacro``."""
+        functions: dict[str, Callable[..., Value]] = {
+            "load_yaml": self._load_yaml,
+            "abs_filename": lambda name: str(self.path(name)),
+            "arg": self.arguments.text,
+            "fatal": _fail,
+            **dict.fromkeys(("message", "print_location"), lambda *_words, **_options: ""),
+            **dict.fromkeys(("warning", "error"), self._warn),
         }
-        members = functions | {
-            "arg": expressions.Function(self.arguments.text),
-            "fatal": expressions.Function(_fail),
-            "message": expressions.Function(_say_nothing),
-            "print_location": expressions.Function(_say_nothing),
-            "warning": expressions.Function(self._warn),
-            "error": expressions.Function(self._warn),
-        }
-        return {**functions, "xacro": Namespace("xacro", members)}
+        return {name: Function(run) for name, run in functions.items()}
 
     def _load_yaml(self, name: str) -> Value:
         path = self.admitted(self.path(name))
         try:
-            text = read_bytes(path).decode()
-            return load_yaml(text, unit_loader(self.budget))
+            return load_yaml(read_bytes(path).decode(), _unit_loader(self.budget))
         except OSError as error:
             raise ModelError(f"cannot read '{path}': {error.strerror}") from None
         except (yaml.YAMLError, UnicodeDecodeError) as error:
@@ -556,35 +451,21 @@ def _fail(*words: Value) -> Value:
     raise ModelError(" ".join(map(str, words)))
 
 
-def _say_nothing(*_words: Value, **_options: Value) -> str:
-    return ""
-
-
-def unit_loader(budget: expressions.Budget) -> type[BoundedLoader]:
-    """Return a safe YAML loader with support for units.
-
-    Args:
-        budget: limit on the steps of the expressions in it.
-    """
+def _unit_loader(budget: expressions.Budget) -> type[BoundedLoader]:
+    """Safe YAML loader with support for units, whose expressions spend the budget of one file."""
     names = expressions.builtins()
 
-    def reading(factor: float) -> Callable[[BoundedLoader, yaml.ScalarNode], float]:
+    class Loader(BoundedLoader):
+        """YAML loader with constructors of its own: yaml keeps them in the class."""
+
+    def add(tag: str, factor: float) -> None:
         def read(loader: BoundedLoader, node: yaml.ScalarNode) -> float:
             return float(expressions.evaluate(str(loader.construct_scalar(node)), names, budget)) * factor
 
-        return read
+        Loader.add_constructor(tag, read)
 
-    class Loader(BoundedLoader):
-        """YAML loader with the unit tags and the budget of one file."""
-
-    units = {
-        "!radians": 1.0,
-        "!degrees": math.pi / 180.0,
-        "!meters": 1.0,
-        "!millimeters": 0.001,
-        "!foot": 0.3048,
-        "!inches": 0.0254,
-    }
-    for tag, factor in units.items():
-        Loader.add_constructor(tag, reading(factor))
+    for tag, factor in (("!radians", 1.0), ("!degrees", math.pi / 180.0), ("!meters", 1.0), ("!millimeters", 0.001)):
+        add(tag, factor)
+    for tag, factor in (("!foot", 0.3048), ("!inches", 0.0254)):
+        add(tag, factor)
     return Loader

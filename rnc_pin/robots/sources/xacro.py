@@ -1,6 +1,10 @@
-"""Expansion of the elements of a xacro file.
+"""Expansion of xacro files without ROS, where expressions can only compute values.
 
-``xacro`` 2.1 has the same order of evaluation. Macros see the properties of their caller. Properties are evaluated on
+``xacro`` 2.1 defines the format, and the tests compare with it. That library passes expressions to Python's
+``eval``, so a file could run any program. Here their syntax tree is evaluated (``xacro_expressions``). Only listed
+functions, methods and environment variables are allowed, and time and size are bounded.
+
+The library has the same order of evaluation. Macros see the properties of their caller. Properties are evaluated on
 first access. Blocks are evaluated once in the call and again at their insertion.
 """
 
@@ -15,46 +19,72 @@ from typing import TypeAlias
 from xml.etree.ElementTree import Element
 
 from rnc_pin.errors import ModelError, nearest
-from rnc_pin.robots.sources.xacro.definitions import (
+from rnc_pin.robots.robot_files import Packages
+from rnc_pin.robots.sources.xacro_definitions import (
     Arguments,
-    FileAccess,
     Macro,
     Parameter,
     PlacedElement,
     Scope,
-    ScopeNamespace,
     Substitution,
     read_document,
     read_macro,
     truth,
 )
-from rnc_pin.robots.sources.xacro.expressions import Function, Namespace, Value
+from rnc_pin.robots.sources.xacro_expressions import Namespace, Value
 
 _PREFIX = "xacro:"
 
 Macros: TypeAlias = "ChainMap[str, Macro | Macros]"
 
 
-class Expander:
+def expand(
+    path: Path, arguments: Mapping[str, object] | None, packages: Packages, known: Mapping[str, Collection[str]]
+) -> Element:
+    """Return the root element of an expanded xacro file.
+
+    Args:
+        path: path of the file.
+        arguments: values for its ``<xacro:arg>``.
+        packages: packages and files that it may name.
+        known: element to the elements that the format knows inside. Others, with the name of a macro, are refused: they
+            are calls without the prefix.
+
+    Raises:
+        ModelError: not XML, an unknown macro, argument, property or package, or a refused expression.
+    """
+    texts = {
+        name: str(value).lower() if isinstance(value, bool) else str(value) for name, value in (arguments or {}).items()
+    }
+    given = Arguments(texts)
+    expander = _Expander(path, Substitution(path, given, packages), known)
+    try:
+        root = expander.expand()
+    except RecursionError:
+        raise ModelError(f"{path}: xacro: macros or includes are recursive or nested too deeply") from None
+    except ModelError as error:
+        raise ModelError(f"{path}: xacro: {error}{expander.fault}") from None
+    # Afterwards: only the expansion shows which arguments the files ask for.
+    for name in texts:
+        if name not in given.asked:
+            raise ModelError(f"{path}: no xacro argument '{name}'{nearest(name, given.asked)}")
+    return root
+
+
+class _Expander:
     """Expander of one file.
 
     Args:
         path: path of the file.
-        arguments: its arguments.
-        access: files and packages that it may name.
+        substitution: its arguments, and the files that it may name.
         known: see ``expand``.
     """
 
-    def __init__(
-        self, path: Path, arguments: Arguments, access: FileAccess, known: Mapping[str, Collection[str]]
-    ) -> None:
-        self._path, self._known = path, known
-        self._substitution = Substitution(path, arguments, access)
-        self._value = self._substitution.value
-        self._arguments = arguments
-        self._depth = 0
+    def __init__(self, path: Path, substitution: Substitution, known: Mapping[str, Collection[str]]) -> None:
+        self._path, self._known, self._substitution = path, known, substitution
+        self._value, self._arguments = substitution.value, substitution.arguments
         self._called: list[Macro] = []
-        self._fault: tuple[Path, int] | None = None
+        self._fault = path, 0
         self._elements: Mapping[str, Callable[[Element, Element, Macros, Scope], None]] = {
             "arg": self._arg,
             "if": self._condition,
@@ -68,32 +98,17 @@ class Expander:
     @property
     def fault(self) -> str:
         """File and line of the error of ``expand``, in brackets after a blank; empty if they are unknown."""
-        file, line = self._fault or (self._path, 0)
+        file, line = self._fault
         words = [*([] if file == self._path else [f"in {file}"]), *([f"line {line}"] if line else [])]
         return f" ({', '.join(words)})" if words else ""
 
     def expand(self) -> Element:
-        """Return the root element of the expanded file.
-
-        Raises:
-            ModelError: not XML, or an unknown or refused element, name or expression.
-        """
-        source = self._read(self._path)
-        scope = Scope(self._substitution.symbols, self._substitution.value)
-        return self._copy(source, ChainMap(), scope)
-
-    def _read(self, path: Path) -> Element:
-        try:
-            return read_document(path)
-        except ModelError:
-            self._fault = path, 0
-            raise
+        """Return the root element of the expanded file."""
+        scope = Scope(self._substitution.symbols, self._value)
+        return self._copy(read_document(self._path), ChainMap(), scope)
 
     def _text(self, text: str, scope: Scope) -> str:
-        value = self._value(text, scope)
-        if isinstance(value, Function | Namespace):
-            raise ModelError(f"'{text[:80]}' is a function or namespace, no value")
-        return str(value)
+        return str(self._value(text, scope))
 
     def _copy(self, source: Element, macros: Macros, scope: Scope) -> Element:
         copy = source.copied() if isinstance(source, PlacedElement) else Element(source.tag)
@@ -111,7 +126,7 @@ class Expander:
             try:
                 self._add(child, target, macros, scope)
             except ModelError:
-                if self._fault is None and isinstance(child, PlacedElement) and child.line:
+                if self._fault == (self._path, 0) and isinstance(child, PlacedElement) and child.line:
                     self._fault = child.file, child.line  # the innermost element is the nearest to the error
                 raise
 
@@ -139,8 +154,9 @@ class Expander:
 
     def _arg(self, element: Element, _target: Element, _macros: Macros, scope: Scope) -> None:
         name, default = _required(element, "name"), element.get("default")
-        known = default is None or name in self._arguments
-        self._arguments.declare(name, None if known else self._text(default or "", scope))
+        self._arguments.asked.add(name)
+        if default is not None and name not in self._arguments:
+            self._arguments[name] = self._text(default, scope)
 
     def _condition(self, element: Element, target: Element, macros: Macros, scope: Scope) -> None:
         text = _required(element, "value")
@@ -149,7 +165,7 @@ class Expander:
 
     def _insert_block(self, element: Element, target: Element, macros: Macros, scope: Scope) -> None:
         name = _required(element, "name")
-        many, one = scope.block(f"**{name}"), scope.block(f"*{name}")
+        many, one = scope.blocks.get(f"**{name}"), scope.blocks.get(f"*{name}")
         if many is not None:
             self._inside(many, target, macros, scope)
         elif one is not None:
@@ -171,10 +187,9 @@ class Expander:
         if remove:
             scope.remove(name)
             return
-        if default is not None:
-            if name in scope:
-                return
-            value = default
+        if default is not None and name in scope:
+            return
+        value = value if default is None else default
         lazy = self._flag(element, "lazy_eval", "true", scope)
         owner = {"global": scope.outermost(), "parent": scope.caller()}.get(element.get("scope", ""))
         if value is None:
@@ -182,7 +197,8 @@ class Expander:
         elif owner is None and lazy:
             scope.define(name, value, lazy=True)
         else:
-            (owner if owner is not None else scope).define(name, self._value(value, scope))
+            # Now, in the scope that the element is in: another one may not have the names of its text.
+            (owner or scope).define(name, self._value(value, scope))
 
     def _flag(self, element: Element, key: str, default: str, scope: Scope) -> bool:
         text = element.get(key, default)
@@ -211,11 +227,10 @@ class Expander:
                 del missing[parameter.name]
         if missing:
             raise ModelError(f"macro '{name}' is called without {', '.join(missing)}")
-        with_depth = self._deeper()
         self._called.append(macro)
+        self._check_depth()
         self._inside(macro.body, target, known_macros.new_child(), inner)
         self._called.pop()
-        self._depth = with_depth
 
     def _take_blocks(
         self, call: Element, missing: dict[str, Parameter], inner: Scope, outside: tuple[Macros, Scope]
@@ -225,7 +240,7 @@ class Expander:
         self._inside(call, given, *outside)
         # As in xacro, elements of a call are expanded before the macro runs, in the caller's scope.
         blocks = list(given)
-        for parameter in [each for each in missing.values() if each.block]:
+        for parameter in [each for each in missing.values() if each.name.startswith("*")]:
             if not blocks:
                 raise ModelError(f"too few blocks for <{call.tag}>: {parameter.name.strip('*')} is missing")
             block = blocks.pop(0)
@@ -243,35 +258,34 @@ class Expander:
         return self._value(parameter.default, scope)
 
     def _include(self, element: Element, target: Element, macros: Macros, scope: Scope) -> None:
-        files = self._substitution.files
         inner_macros, inner = macros, scope
         namespace = element.get("ns")
         if namespace:
             name = self._text(namespace, scope)
             inner_macros, inner = ChainMap(), scope.inner(namespace=True)
             macros[name] = inner_macros
-            scope.define(name, ScopeNamespace(name, inner))
+            scope.define(name, Namespace(name, inner))
         optional = truth(element.get("optional", "false"), "optional")
         path = self._substitution.path(self._text(_required(element, "filename"), scope))
         if optional and not os.path.isfile(path):
             return
-        depth = self._deeper()
         # Before it is opened: files outside of the allowed folders are not even looked at.
         self._substitution.admitted(path)
-        if not os.path.isfile(path):  # raises the error in the file that includes it
-            read_document(path)
-        files.append(path)
-        self._inside(self._read(path), target, inner_macros, inner)
-        files.pop()
-        self._depth = depth
+        self._substitution.files.append(path)
+        self._check_depth()
+        try:
+            source = read_document(path)
+        except ModelError:
+            if os.path.isfile(path):  # a missing file is a fault of the file that includes it
+                self._fault = path, 0
+            raise
+        self._inside(source, target, inner_macros, inner)
+        self._substitution.files.pop()
 
-    def _deeper(self) -> int:
-        """Enter a macro or file; return the previous depth."""
-        self._depth += 1
+    def _check_depth(self) -> None:
         deepest = 100  # nesting of macros and includes, which are expanded by recursion
-        if self._depth > deepest:
+        if len(self._called) + len(self._substitution.files) > deepest:
             raise ModelError("macros or includes are recursive or nested too deeply")
-        return self._depth - 1
 
 
 def _resolve(name: str, macros: Macros, scope: Scope) -> tuple[Macros, Scope, Macro]:
@@ -281,9 +295,11 @@ def _resolve(name: str, macros: Macros, scope: Scope) -> tuple[Macros, Scope, Ma
         *namespaces, last = name.split(".")
         for each in namespaces:
             inner, values = macros.get(each), scope.get(each)
-            if not isinstance(inner, ChainMap) or not isinstance(values, ScopeNamespace):
+            if not (
+                isinstance(inner, ChainMap) and isinstance(values, Namespace) and isinstance(values.members, Scope)
+            ):
                 break
-            macros, scope = inner, values.scope
+            macros, scope = inner, values.members
         else:
             found = macros.get(last)
     if not isinstance(found, Macro):
