@@ -183,13 +183,14 @@ class PlacedShapes:
         node: path of the node above the shapes.
 
     Attributes:
+        geometry: the shapes.
         names: their names.
     """
 
     def __init__(self, robot: Robot, node: str) -> None:
         drawn = robot.drawn_geometry
         assert drawn is not None
-        self._robot, self._visual = robot, drawn
+        self._robot, self.geometry = robot, drawn
         self._data, self._shapes = robot.model.createData(), drawn.createData()
         self._node, self.names = node, [shape.name for shape in drawn.geometryObjects]
         self._own = [np.diag([*drawn_scale(shape), 1.0]) for shape in drawn.geometryObjects]
@@ -201,7 +202,7 @@ class PlacedShapes:
             scene: scene to draw in.
             q: the configuration.
         """
-        pin.updateGeometryPlacements(self._robot.model, self._data, self._visual, self._shapes, q)
+        pin.updateGeometryPlacements(self._robot.model, self._data, self.geometry, self._shapes, q)
         for name, own, placement in zip(self.names, self._own, self._shapes.oMg, strict=True):
             scene.place(f"{self._node}/{name}", placement.homogeneous @ own)
 

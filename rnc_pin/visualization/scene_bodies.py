@@ -8,11 +8,13 @@ A page includes the textures of Collada meshes, so each texture must be an image
 
 from __future__ import annotations
 
+from base64 import b64encode
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from urllib.parse import unquote
+from uuid import uuid1
 from xml.etree import ElementTree
 
 import coal
@@ -21,24 +23,16 @@ import pinocchio as pin
 
 from rnc_pin.collision import Obstacle
 from rnc_pin.errors import ModelError, warn
+from rnc_pin.io.json import Json
 from rnc_pin.io.safe_read import read_bytes
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.rows import GroundSurface, carrier_of
 from rnc_pin.robots.robot import Robot
 from rnc_pin.robots.robot_files import is_below
 from rnc_pin.robots.sources.mesh_formats import convex_hull
-from rnc_pin.visualization.browser.page import BaseVisualizer, DaeMeshGeometry, MeshcatVisualizer, mg
+from rnc_pin.visualization.browser.page import mg
 from rnc_pin.visualization.drawn_state import DrawnState, grounds_of
-from rnc_pin.visualization.elements import (
-    GREEN,
-    GREY,
-    Element,
-    LayerEntry,
-    PlacedShapes,
-    SceneKinematics,
-    box_corners,
-    drawn_scale,
-)
+from rnc_pin.visualization.elements import GREEN, GREY, Element, LayerEntry, PlacedShapes, SceneKinematics, box_corners
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
 
 
@@ -69,8 +63,8 @@ def drawn_triangles(shape: pin.GeometryObject) -> np.ndarray:
     return np.asarray(triangles / np.abs(scale))
 
 
-def has_own_textures(mesh: Path, folders: Sequence[Path]) -> bool:
-    """True if all images that a Collada file names are allowed; a ``ModelWarning`` names the first that is not.
+def own_textures(mesh: Path, folders: Sequence[Path]) -> dict[str, str] | None:
+    """Images that a Collada file names, as data in addresses; None if one is not allowed, which a ModelWarning names.
 
     Args:
         mesh: path of the Collada file.
@@ -80,14 +74,15 @@ def has_own_textures(mesh: Path, folders: Sequence[Path]) -> bool:
         OSError: the file cannot be read.
         xml.etree.ElementTree.ParseError: the file is not valid XML.
     """
-    roots = [mesh.resolve().parent, *folders]
+    roots, found = [mesh.resolve().parent, *folders], dict[str, str]()
     for name in _names(ElementTree.fromstring(read_bytes(mesh))):
         places = [mesh.parent / each for each in {name, unquote(name)}]
-        if not any(_is_image(place) for place in places if is_below(place, roots)):
-            text = f"{mesh.name}: texture '{name[:120]}' is not an image below the robot's own folders and is left out"
-            warn(text)
-            return False
-    return True
+        image = next(filter(None, (_image(place) for place in places if is_below(place, roots))), None)
+        if image is None:
+            warn(f"{mesh.name}: texture '{name[:120]}' is not an image below the robot's own folders and is left out")
+            return None
+        found[name] = f"data:image/png;base64,{b64encode(image).decode()}"  # browsers tell other formats by the content
+    return found
 
 
 def _names(root: ElementTree.Element) -> Iterator[str]:
@@ -100,58 +95,45 @@ def _names(root: ElementTree.Element) -> Iterator[str]:
                     yield element.text
 
 
-def _is_image(path: Path) -> bool:
+def _image(path: Path) -> bytes | None:
+    """Content of an image; None for any other file."""
     try:
         content = read_bytes(path)
     except (OSError, ValueError):
-        return False
+        return None
     targa_types = (1, 2, 3, 9, 10, 11)  # third byte of a Targa file, which has no magic number
     targa = path.suffix.lower() == ".tga" and len(content) > 18 and content[2] in targa_types
     # Of PNG, JPEG, GIF, BMP, WebP, TIFF in both orders, and DDS.
     beginnings = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"GIF8", b"BM", b"RIFF", b"II*\0", b"MM\0*", b"DDS ")
-    return content.startswith(beginnings) or targa
+    return content if content.startswith(beginnings) or targa else None
 
 
-class MeshVisualizer(MeshcatVisualizer):  # type: ignore[misc]
-    """Pinocchio's Meshcat visualizer, extended to mirrored meshes and to all formats that Pinocchio reads.
+def drawn_mesh(shape: pin.GeometryObject, folders: Sequence[Path]) -> mg.Geometry | dict[str, Json]:
+    """Meshcat geometry of a mesh: its file where Meshcat can use it, otherwise its triangles.
+
+    A Collada file is an object of its own, which contains colours.
 
     Args:
-        model: Pinocchio model of the robot.
-        visual_model: shapes to draw.
+        shape: shape with a mesh.
         folders: folders from which a page may include textures.
     """
-
-    def __init__(self, model: pin.Model, visual_model: pin.GeometryModel, folders: Sequence[Path] = ()) -> None:
-        self._folders = tuple(folders)
-        self._shapes = {shape.name: shape for shape in visual_model.geometryObjects}
-        drawn = visual_model.copy()
-        for shape in drawn.geometryObjects:
-            shape.meshScale = drawn_scale(shape)
-        # No collision geometry: it is invisible, and the page would contain its meshes too.
-        super().__init__(model, None, drawn)
-
-    def loadMeshFromFile(self, geometry_object: pin.GeometryObject) -> mg.Geometry | mg.ReferenceSceneElement:
-        """Meshcat geometry of a mesh: its file where Meshcat can use it, otherwise its triangles.
-
-        Args:
-            geometry_object: shape with a mesh.
-        """
-        shape = self._shapes[geometry_object.name]
-        signs = np.sign(np.asarray(shape.meshScale, dtype=float))
-        path = shape.meshPath
-        ending = path[path.rfind(".") :].lower()
-        readers = {".stl": mg.StlMeshGeometry, ".obj": mg.ObjMeshGeometry}
-        try:
-            if ending == ".dae" and has_own_textures(Path(path), self._folders):  # the file contains colours
-                collada = DaeMeshGeometry(path)
-                collada.set_scale(signs)
-                return collada
-            if ending in readers and (signs > 0).all():
-                return readers[ending].from_stream(BytesIO(read_bytes(Path(path))))
-        except Exception:  # for example a missing texture; Pinocchio has already read the triangles
-            pass
-        corners = drawn_triangles(shape).reshape(-1, 3)
-        return mg.TriangularMeshGeometry(corners, np.arange(len(corners)).reshape(-1, 3))
+    signs = np.sign(np.asarray(shape.meshScale, dtype=float))
+    path = Path(shape.meshPath)
+    ending = path.suffix.lower()
+    readers = {".stl": mg.StlMeshGeometry, ".obj": mg.ObjMeshGeometry}
+    try:
+        textures = own_textures(path, folders) if ending == ".dae" else None
+        if textures is not None:
+            mirror = np.diag([*signs, 1.0]).ravel().tolist()
+            file = {"type": "_meshfile_object", "format": "dae", "data": read_bytes(path).decode()}
+            whole = {"uuid": str(uuid1()), **file, "resources": textures, "matrix": mirror}
+            return {"metadata": {"version": 4.5, "type": "Object"}, "geometries": [], "materials": [], "object": whole}
+        if ending in readers and (signs > 0).all():
+            return readers[ending].from_stream(BytesIO(read_bytes(path)))
+    except Exception:  # for example a missing texture; the triangles are read already
+        pass
+    corners = drawn_triangles(shape).reshape(-1, 3)
+    return mg.TriangularMeshGeometry(corners, np.arange(len(corners)).reshape(-1, 3))
 
 
 class MeshcatRobot:
@@ -167,11 +149,18 @@ class MeshcatRobot:
 
     def __init__(self, robot: Robot, scene: MeshcatScene) -> None:
         check_drawable(robot)
-        visualizer: BaseVisualizer = MeshVisualizer(robot.model, robot.drawn_geometry, robot.folders)
-        visualizer.initViewer(viewer=scene.root)
-        visualizer.loadViewerModel(rootNodeName="robot")
         self.group = "robot/visuals"
         self._scene, self._shapes = scene, PlacedShapes(robot, self.group)
+        for shape in self._shapes.geometry.geometryObjects:
+            is_mesh = isinstance(shape.geometry, coal.BVHModelBase)
+            geometry = drawn_mesh(shape, robot.folders) if is_mesh else _drawable(shape.geometry)
+            node, rgba = f"{self.group}/{shape.name}", np.array(shape.meshColor)
+            if isinstance(geometry, dict):
+                scene.window.post({"type": "set_object", "path": f"/meshcat/{node}", "object": geometry})
+            else:
+                color = int.from_bytes((255 * rgba[:3]).astype(np.uint8).tobytes(), "big")
+                material = mg.MeshPhongMaterial(color=color, opacity=float(rgba[3]))
+                scene.root[node].set_object(geometry, material)
 
     def display(self, q: np.ndarray) -> None:
         """Show a configuration.
@@ -188,13 +177,13 @@ _CIRCLE_POINTS = 32  # points of a circle
 def surface_points(shape: coal.CollisionGeometry) -> np.ndarray:
     """Points (n, 3) [m] on a convex shape, in its own frame; their hull is the shape, apart from roundness.
 
-    Of a half space, the hull is a square slab below its surface.
+    Of a plane or half space, the hull is a square slab below its surface.
 
     Args:
         shape: any convex shape.
     """
     patch, slab = 10.0, 0.01  # half side and thickness of the drawn part of a half space [m]
-    if isinstance(shape, coal.Halfspace):
+    if isinstance(shape, coal.Halfspace | coal.Plane):
         normal = np.ravel(shape.n)
         across = patch * np.linalg.svd(normal[None])[2][1:]
         corners = [a * across[0] + b * across[1] for a in (-1.0, 1.0) for b in (-1.0, 1.0)]
@@ -288,10 +277,20 @@ def obstacle_elements(obstacles: Iterable[Obstacle]) -> list[Element]:
 
 
 def _drawable(shape: coal.CollisionGeometry) -> mg.Geometry:
+    """Meshcat geometry of a convex shape."""
     if isinstance(shape, coal.Box):
         return mg.Box((2.0 * np.ravel(shape.halfSide)).tolist())
     if isinstance(shape, coal.Sphere):
         return mg.Sphere(float(shape.radius))
+    if isinstance(shape, coal.Ellipsoid):
+        return mg.Ellipsoid(np.ravel(shape.radii))
+    if isinstance(shape, coal.Cylinder | coal.Cone):
+        top = 0.0 if isinstance(shape, coal.Cone) else shape.radius
+        round_shape = mg.Cylinder(2.0 * shape.halfLength, radiusTop=top, radiusBottom=shape.radius)
+        # Three.js has cylinders along y.
+        upright = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+        round_shape.intrinsic_transform = lambda: upright
+        return round_shape
     hull = convex_hull(surface_points(shape))
     return mg.TriangularMeshGeometry(hull.vertices, hull.triangles)
 

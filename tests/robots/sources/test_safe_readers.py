@@ -1,6 +1,7 @@
 # ruff: noqa: E501
 """Files of strangers: what would hang, fill memory, be passed over or end in an error that is not ours."""
 
+import base64
 import json
 import os
 import re
@@ -20,7 +21,8 @@ from rnc_pin.applications.command_line.report import print_object, print_summary
 from rnc_pin.applications.scenario.files import parse_option, read_yaml
 from rnc_pin.io.json import dump_json
 from rnc_pin.robots.robot_files import shipped_directory
-from rnc_pin.visualization.scene_bodies import MeshVisualizer, has_own_textures
+from rnc_pin.visualization import mg
+from rnc_pin.visualization.scene_bodies import drawn_mesh, own_textures
 from urdf_parts import INERTIAL, write
 
 LIMIT = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
@@ -239,15 +241,14 @@ def test_pages_take_along_images_of_the_robot_alone(image, shown, tmp_path):
     write(tmp_path / "robot/meshes/m.dae", collada(tmp_path / image))
     visual = '<visual><geometry><mesh filename="meshes/m.dae"/></geometry></visual>'
     robot = rnc.Robot.from_urdf(write(tmp_path / "robot/r.urdf", arm(link=visual)))
-    visualizer = MeshVisualizer(robot.model, robot.visual_model, robot.folders)
     (shape,) = robot.visual_model.geometryObjects
     if shown:
-        drawn = visualizer.loadMeshFromFile(shape)
-        assert list(drawn.img_resources) == [str(tmp_path / image)]
+        pixels = base64.b64encode(PNG).decode()
+        expected = {str(tmp_path / image): f"data:image/png;base64,{pixels}"}
+        assert drawn_mesh(shape, robot.folders)["object"]["resources"] == expected
     else:
         with pytest.warns(rnc.ModelWarning, match="is not an image below the robot's own folders"):
-            drawn = visualizer.loadMeshFromFile(shape)
-        assert not hasattr(drawn, "img_resources")
+            assert isinstance(drawn_mesh(shape, robot.folders), mg.TriangularMeshGeometry)
 
 
 @pytest.mark.parametrize("namespace", ["http://www.collada.org/2005/11/COLLADASchema", "urn:other"])
@@ -257,7 +258,7 @@ def test_an_image_whose_name_has_child_elements_is_left_out(image, namespace, tm
     text = collada(image.format("http://192.0.2.1/skin.png"))
     text = text.replace("http://www.collada.org/2005/11/COLLADASchema", namespace)
     with pytest.warns(rnc.ModelWarning, match="is not an image below the robot's own folders"):
-        assert not has_own_textures(write(tmp_path / "m.dae", text), [])
+        assert own_textures(write(tmp_path / "m.dae", text), []) is None
 
 
 LONG = "x" * 5000

@@ -18,7 +18,7 @@ import pytest
 import rnc_pin as rnc
 from held_memory import holding_at_most
 from patience import PATIENCE
-from rnc_pin.visualization.browser.page import RequestFilter, deferred_imports
+from rnc_pin.visualization.browser.page import RequestFilter
 from rnc_pin.visualization.browser.scene_server import SceneWindow
 from rnc_pin.visualization.loop_view import LiveView
 
@@ -209,20 +209,3 @@ def test_the_packages_of_pages_are_imported_only_when_they_are_used(tmp_path: Pa
     (tmp_path / "IPython" / "display.py").write_text("HTML = str")
     searched = {**os.environ, "PYTHONPATH": str(tmp_path)}
     subprocess.run([sys.executable, "-c", _PAGE], check=True, timeout=PATIENCE, env=searched)
-
-
-def test_placeholders_last_until_the_first_use(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "slow_module.py").write_text("def twice(x): return 2 * x\nLIMIT = 7\n")
-    monkeypatch.syspath_prepend(tmp_path)
-    with deferred_imports({"slow_module": ("twice",), "module_that_is_absent": ()}):
-        import slow_module
-        from slow_module import twice
-
-        with pytest.raises(ImportError):
-            import module_that_is_absent  # noqa: F401
-    assert "slow_module" not in sys.modules
-    assert twice(4) == 8
-    assert sys.modules["slow_module"] is not slow_module
-    assert slow_module.LIMIT == 7
-    with pytest.raises(AttributeError, match="slow_module"):
-        _ = slow_module.limit
