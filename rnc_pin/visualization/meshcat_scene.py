@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -118,7 +118,7 @@ class Keyframes:
         self.rate = rate
         self._frames: dict[str, list[int]] = {}
         self._matrices: dict[str, list[np.ndarray]] = {}
-        self._tracks: dict[str, list[bytes]] = {}
+        self._tracks: dict[str, list[dict[str, object]]] = {}
 
     def place(self, path: str, frame: int, matrix: np.ndarray) -> None:
         """Set the transform (4, 4) of a node at a frame, which may include a scale.
@@ -140,28 +140,20 @@ class Keyframes:
         """
         # Two keys at least: Three.js interpolates between keys, and shows a track of one key as constant.
         keys = [{"time": 0, "value": frame == 0}, {"time": max(frame, 1), "value": True}]
-        track = umsgpack.packb({"name": ".visible", "type": "boolean", "keys": keys})
-        self._tracks.setdefault(path, []).append(track)
+        self._tracks.setdefault(path, []).append({"name": ".visible", "type": "boolean", "keys": keys})
 
-    def packed(self, single: bool = False) -> bytes:
-        """Command that plays the animation, in MessagePack.
-
-        Args:
-            single: pack floats in single precision.
-        """
+    def command(self) -> dict[str, object]:
+        """Command that plays the animation."""
         for path, matrices in self._matrices.items():
-            self._tracks.setdefault(path, []).extend(self._motion(self._frames[path], np.stack(matrices), single))
-        # Single precision halves a file, and its error is far below a pixel.
-        rate = umsgpack.packb(self.rate, force_float_precision="single" if single else "double")
-        clips = (
-            _map(path=_text(path), clip=_map(fps=rate, name=_text("default"), tracks=_array(tracks)))
+            self._tracks.setdefault(path, []).extend(self._motion(self._frames[path], np.stack(matrices)))
+        clips = [
+            {"path": path, "clip": {"fps": self.rate, "name": "default", "tracks": tracks}}
             for path, tracks in self._tracks.items()
-        )
-        options = umsgpack.packb({"play": True, "repetitions": 1})
-        return _map(type=_text("set_animation"), path=_text(""), animations=_array(clips), options=options)
+        ]
+        return {"type": "set_animation", "animations": clips, "options": {"play": True, "repetitions": 1}}
 
     @staticmethod
-    def _motion(frames: list[int], matrices: np.ndarray, single: bool) -> list[bytes]:
+    def _motion(frames: list[int], matrices: np.ndarray) -> list[dict[str, object]]:
         columns = matrices[:, :3, :3]
         scale = np.linalg.norm(columns, axis=1)
         turn = np.array([pin.Quaternion(rotation).coeffs() for rotation in columns / scale[:, None, :]])
@@ -169,49 +161,26 @@ class Keyframes:
         signs = np.sign(np.sum(turn[1:] * turn[:-1], axis=1))
         turn[1:] *= np.cumprod(np.where(signs == 0, 1.0, signs))[:, None]
         tracks = [
-            _track(".position", "vector3", frames, matrices[:, :3, 3], single),
-            _track(".quaternion", "quaternion", frames, turn, single),
+            _track(".position", "vector3", frames, matrices[:, :3, 3]),
+            _track(".quaternion", "quaternion", frames, turn),
         ]
         # Most nodes have no scale: a track of ones would be a third of the file.
         if np.abs(scale - 1.0).max() > _SAME_VALUE:
-            tracks.append(_track(".scale", "vector3", frames, scale, single))
+            tracks.append(_track(".scale", "vector3", frames, scale))
         return tracks
 
 
-def _track(name: str, kind: str, frames: list[int], values: np.ndarray, single: bool) -> bytes:
-    """Keys of one property; of a constant interval only the first and the last key."""
+def _track(name: str, kind: str, frames: list[int], values: np.ndarray) -> dict[str, object]:
+    """Keys of one property as Three.js takes them; of a constant interval only the first and the last key."""
     moves = np.abs(np.diff(values, axis=0)).max(axis=1, initial=0.0) > _SAME_VALUE
     # Both ends of a constant interval stay, so that the player does not interpolate into it.
     kept = np.r_[True, moves] | np.r_[moves, True]
-    return _map(name=_text(name), type=_text(kind), keys=_keys(np.array(frames)[kept], values[kept], single))
+    return {"name": name, "type": kind, "times": _packed(np.array(frames)[kept]), "values": _packed(values[kept])}
 
 
-def _keys(frames: np.ndarray, values: np.ndarray, single: bool) -> bytes:
-    """Array of ``{"time": frame, "value": [...]}`` for frames (N,) and values (N, k), at most 15 values per key."""
-    count, size = values.shape
-    number = [("mark", "u1"), ("value", ">f4" if single else ">f8")]
-    key = [("head", "S6"), ("mark", "u1"), ("time", ">u4"), ("name", "S7"), ("numbers", number, (size,))]
-    # MessagePack by hand: an array of records packs thousands of keys at once.
-    keys = np.empty(count, key)
-    keys["head"], keys["mark"], keys["time"] = b"\x82" + _text("time"), 0xCE, frames
-    keys["name"] = _text("value") + bytes([0x90 + size])
-    keys["numbers"]["mark"], keys["numbers"]["value"] = 0xCA if single else 0xCB, values
-    return _array([keys.tobytes()], count)
-
-
-def _text(text: str) -> bytes:
-    return bytes(umsgpack.packb(text))
-
-
-def _map(**entries: bytes) -> bytes:
-    """Map of at most 15 packed values."""
-    return bytes([0x80 + len(entries)]) + b"".join(_text(name) + value for name, value in entries.items())
-
-
-def _array(items: Iterable[bytes], count: int | None = None) -> bytes:
-    """Array of packed items; ``count`` is given if they are joined already."""
-    items = list(items)
-    return b"\xdd" + (len(items) if count is None else count).to_bytes(4, "big") + b"".join(items)
+def _packed(numbers: np.ndarray) -> umsgpack.Ext:
+    # The page reads this type as a Float32Array. Single precision halves a file; its error is far below a pixel.
+    return umsgpack.Ext(0x17, numbers.astype("<f4").tobytes())
 
 
 class MeshcatScene:
@@ -266,7 +235,7 @@ class MeshcatScene:
             if self._offset.any():
                 track = {"offsets": self._offsets, "rate": self.keyframes.rate}
                 self.window.post({"type": "track", "path": "/Cameras", **track}, single=True)
-            self.window.put(("", "set_animation"), self.keyframes.packed(single=True))
+            self.window.post(self.keyframes.command())
 
     # ------------------------------------------------------------------ content
 
