@@ -37,48 +37,41 @@ from rnc_pin.model.input_validation import ConfigurationValidator
 from rnc_pin.robots.robot import Robot
 
 
-class ShapePoses:
+class ShapePoses(NamedTuple):
     """Poses of all shapes, at one place of a motion or at many, which are then the first axis.
 
-    Args:
+    Attributes:
         rotations: (..., s, 3, 3) in the world.
         origins: (..., s, 3) in the world [m].
-        centers: centres of the boxes around the shapes, in their own frames (s, 3) [m].
-
-    Attributes:
-        middles: these centres in the world (..., s, 3) [m].
+        middles: centres of the boxes around the shapes (..., s, 3) in the world [m].
     """
 
-    __slots__ = ("middles", "origins", "rotations")
+    rotations: Array
+    origins: Array
+    middles: Array
 
-    def __init__(self, rotations: Array, origins: Array, centers: Array) -> None:
-        self.rotations, self.origins = rotations, origins
-        self.middles = origins + np.matvec(rotations, centers)
 
-    @classmethod
-    def carried(cls, joints: Array, carriers: Array, rotations: Array, origins: Array, centers: Array) -> ShapePoses:
-        """Poses of shapes that joints carry.
+def _carried(joints: Array, carriers: Array, rotations: Array, origins: Array, centers: Array) -> ShapePoses:
+    """Poses of shapes that joints carry.
 
-        Args:
-            joints: placements of all joints (..., njoints, 12): the columns of a rotation, then a translation.
-            carriers: joint of each of the first shapes (k,); further shapes are in the world.
-            rotations, origins: poses of all shapes in their joints (..., s, 3, 3) and (..., s, 3).
-            centers: as for the class.
-        """
-        # One place, in a control loop: the kernel avoids the overhead of NumPy. Many places share their cost.
-        if joints.ndim == 2:
-            found = cls.__new__(cls)
-            # Arrays of this object's own: the bounds keep the last poses to see how far bodies have moved.
-            found.rotations, found.origins, found.middles = (np.empty(a.shape) for a in (rotations, origins, origins))
-            known = joints, carriers, rotations.reshape(-1, 9), origins, centers
-            if _kernel.library.shape_poses(*known, found.rotations, found.origins, found.middles):
-                return found
-        rotations, origins, count = rotations.copy(), origins.copy(), len(carriers)
-        carrying = joints.take(carriers, -2)
-        turns = carrying[..., :9].reshape(*carrying.shape[:-1], 3, 3).swapaxes(-1, -2)
-        origins[..., :count, :] = _product(turns, origins[..., :count, :, None])[..., 0] + carrying[..., 9:]
-        rotations[..., :count, :, :] = _product(turns, rotations[..., :count, :, :])
-        return cls(rotations, origins, centers)
+    Args:
+        joints: placements of all joints (..., njoints, 12): the columns of a rotation, then a translation.
+        carriers: joint of each of the first shapes (k,); further shapes are in the world.
+        rotations, origins: poses of all shapes in their joints (..., s, 3, 3) and (..., s, 3).
+        centers: centres of the boxes around the shapes, in their own frames (s, 3) [m].
+    """
+    # One place, in a control loop: the kernel avoids the overhead of NumPy. Many places share their cost.
+    if joints.ndim == 2:
+        # Arrays of their own: the bounds keep the last poses to see how far bodies have moved.
+        found = ShapePoses(*(np.empty(each.shape) for each in (rotations, origins, origins)))
+        if _kernel.library.shape_poses(joints, carriers, rotations.reshape(-1, 9), origins, centers, *found):
+            return found
+    rotations, origins, count = rotations.copy(), origins.copy(), len(carriers)
+    carrying = joints.take(carriers, -2)
+    turns = carrying[..., :9].reshape(*carrying.shape[:-1], 3, 3).swapaxes(-1, -2)
+    origins[..., :count, :] = _product(turns, origins[..., :count, :, None])[..., 0] + carrying[..., 9:]
+    rotations[..., :count, :, :] = _product(turns, rotations[..., :count, :, :])
+    return ShapePoses(rotations, origins, origins + np.matvec(rotations, centers))
 
 
 class PlacedBodies(NamedTuple):
@@ -406,7 +399,7 @@ class CollisionDistances:
             rotations[row], places[row] = self._own_poses(moment)
         turns, origins = joints[..., :9].reshape(*joints.shape[:2], 3, 3).swapaxes(-1, -2), joints[..., 9:]
         moving = [self.link_shapes + k for k in self._moving]
-        at = ShapePoses.carried(joints, self._link_carriers, rotations, places, self._centers)
+        at = _carried(joints, self._link_carriers, rotations, places, self._centers)
         up = np.array([0.0, 0.0, 1.0])  # obstacles that move turn by yaw
         axes = np.matvec(turns, self._axes), np.broadcast_to(up, (len(q), len(moving), 3))
         return PlacedBodies(
@@ -497,7 +490,7 @@ class CollisionDistances:
         else:
             pin.computeJointJacobians(self._model, self._data, q)
             joints, self._jacobian = self._joint_placements(), np.ascontiguousarray(self._data.J).reshape(6, -1)
-        self._at = ShapePoses.carried(joints, self._link_carriers, *self._own_poses(t), self._centers)
+        self._at = _carried(joints, self._link_carriers, *self._own_poses(t), self._centers)
 
     def _joint_placements(self) -> np.ndarray:
         """Placements of the joints (njoints, 12) by Pinocchio: the columns of a rotation, then a translation."""

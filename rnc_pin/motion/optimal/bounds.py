@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
@@ -15,7 +16,8 @@ from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.collision import CollisionDistances, PairDistances
 from rnc_pin.constraints.wheeled_base import SIDE_SLIP, missing_lateral_rows
-from rnc_pin.errors import ConfigurationError, InputError, check_classes, nearest
+from rnc_pin.errors import ConfigurationError, InputError, check_classes
+from rnc_pin.model.input_validation import ConfigurationValidator
 from rnc_pin.model.rows import RowStack
 from rnc_pin.model.task import OutputTarget
 from rnc_pin.motion.optimal import node_data
@@ -59,8 +61,10 @@ class NodeBound(ABC):
         self.names, self.of_state = tuple(names), of_state
         self.units = ("",) * len(self.names) if units is None else tuple(units)
         self.stated = _stated(lower, self.names) | _stated(upper, self.names)
-        self.lower = _limits(lower, self.names, -np.inf)
-        self.upper = _limits(upper, self.names, np.inf)
+        self.lower, self.upper = (
+            node_data.row_numbers(missing if given is None else given, self.names, "bound", missing)
+            for given, missing in ((lower, -np.inf), (upper, np.inf))
+        )
         for name, low, high in zip(self.names, self.lower, self.upper, strict=True):
             if not low <= high:
                 raise InputError(f"bound of {name}: lower limit {low:g} is above upper limit {high:g}")
@@ -209,7 +213,8 @@ class DistanceRows(NodeBound):
         names = [f"distance ({'nearest' if k == 0 else f'nearest {k + 1}'})" for k in range(self._count)]
         super().__init__(names, bound.clearance, None, True, ["m"] * self._count)
         self._bound, self.of_file = bound, not bound.distances.obstacles
-        # A solver takes values of the nodes and of the end, and derivatives at the same places after that.
+        # A solver takes values of the nodes and of the end, and derivatives at the same places after that. Distances
+        # are the largest part of an iteration, so the last two calls are kept.
         self._recent: deque[dict[tuple[bytes, float], PairDistances]] = deque(maxlen=2)
 
     def beyond(self, accuracy: float, start: float, goal: float) -> DistanceRows:
@@ -220,12 +225,13 @@ class DistanceRows(NodeBound):
             start, goal: smallest distances there, or infinity: no node keeps more, and no motion more than its start.
         """
         found = DistanceRows(replace(self._bound, clearance=min(self.clearance, start) + accuracy))
+        # The start and the goal cannot be moved: a bound beyond their own distances would have no solution.
         found.lower = np.minimum(found.lower, min(start, goal))
         return found
 
     def at(self, q: Array, t: float) -> PairDistances:
         """Distances up to a little more than the clearance."""
-        key = q.tobytes(), t
+        key = q.tobytes(), t  # equal bits only: a node that has moved a little is another place
         known = next((found[key] for found in self._recent if key in found), None)
         return self.distances.at(q, t, within=self._within) if known is None else known
 
@@ -237,6 +243,8 @@ class DistanceRows(NodeBound):
         near = [self.at(q, t) for q, t in places]
         self._recent.append({(q.tobytes(), t): found for (q, t), found in zip(places, near, strict=True)})
         for k, found in enumerate(near):
+            # Pairs change their places as they pass each other, which costs the rows their smoothness there; a row for
+            # each pair of a robot would be a hundred rows at each node.
             nearest_first = np.argsort(found.distance, kind="stable")[: self._count]
             value[k, : len(nearest_first)] = found.distance[nearest_first]
             x[k, : len(nearest_first), : model.nv] = found.jacobian[nearest_first]
@@ -271,14 +279,13 @@ class GoalRows(NodeBound):
         if isinstance(goal, Mapping):
             for output, value in goal.items():
                 found = node_data.NodeOutputs(model.reduced, output)
+                # Rows of an orientation are rotation vectors, whose error is the logarithm of a rotation.
                 value = pin.log3(np.asarray(value)) if np.shape(value) == (3, 3) else value
                 self._outputs.append((found, found.target(value, "goal")))
                 names += found.names
                 units += found.units
         else:
-            self.configuration = np.array(model.reduced.at(goal).q)
-            if self.configuration.ndim != 1:
-                raise InputError(f"goal: expected one configuration, found shape {self.configuration.shape}")
+            self.configuration = ConfigurationValidator(robot).validate_one(goal, "goal")
             names += robot.velocity_names
             units += [""] * robot.nv
         if not names:
@@ -328,26 +335,6 @@ class GoalRows(NodeBound):
 def _stated(given: Limit, names: Sequence[str]) -> Array:
     """Mask (k,) of the rows for which a limit is given."""
     return np.array([given is not None and (name in given if isinstance(given, Mapping) else True) for name in names])
-
-
-def _limits(given: Limit, names: Sequence[str], default: float) -> Array:
-    limits = np.full(len(names), default)
-    if given is None:
-        return limits
-    if isinstance(given, Mapping):
-        for name, value in given.items():
-            if name not in names:
-                raise ConfigurationError(f"bound: no '{name}'{nearest(str(name), names)}")
-            limits[names.index(name)] = float(value)
-        return limits
-    try:
-        array = np.asarray(given, dtype=float)
-        limits[:] = array
-    except (TypeError, ValueError):
-        raise InputError(f"bound of {', '.join(names)}: expected a number, or {len(names)}, found {given!r}") from None
-    if np.isnan(limits).any():
-        raise InputError(f"bound of {', '.join(names)}: not a number, found {given!r}")
-    return limits
 
 
 # ------------------------------------------------------------------ limits of the robot's file
@@ -404,8 +391,11 @@ def _positions(model: ActionModel, replaced: set[str]) -> list[NodeBound]:
     kept = [k for k, place in enumerate(found.v) if names[place] not in replaced]
     if not kept:
         return []
-    rows = [found.q[k] for k in kept], [found.v[k] for k in kept]
-    return [_Positions([names[place] for place in rows[1]], rows, found.lower[kept], found.upper[kept])]
+    q, v = [found.q[k] for k in kept], [found.v[k] for k in kept]
+    limits = found.lower[kept], found.upper[kept]
+    bound = BoundRows("output", [names[place] for place in v], limits, partial(_position_rows, q, v))
+    bound.remedy = "state a bound for it, or limits=FileLimits(position=False); in files limits: {position: null}"
+    return [bound]
 
 
 def _velocities(model: ActionModel, stated: Sequence[NodeBound]) -> list[NodeBound]:
@@ -430,20 +420,13 @@ def _efforts(model: ActionModel, replaced: set[str]) -> list[NodeBound]:
     return [InputBound({name: -limit for name, limit in limits.items()}, limits).bind(model)] if limits else []
 
 
-class _Positions(NodeBound):
-    quantity = "output"
-    remedy = "state a bound for it, or limits=FileLimits(position=False); in files limits: {position: null}"
-
-    def __init__(self, names: Sequence[str], places: tuple[list[int], list[int]], lower: Array, upper: Array) -> None:
-        self._q, self._v = places
-        super().__init__(names, lower, upper, of_state=True)
-
-    def rows(self, nodes: node_data.NodeData, derivatives: bool) -> node_data.RowValues:
-        found = node_data.RowValues(nodes.at.q[:, self._q])
-        if derivatives:
-            found.x = np.zeros((nodes.size, len(self.names), nodes.model.nx))
-            found.x[:, np.arange(len(self.names)), self._v] = 1.0
-        return found
+def _position_rows(q: list[int], v: list[int], nodes: node_data.NodeData, derivatives: bool) -> node_data.RowValues:
+    """Positions of joints (k,) by their places in q and in v."""
+    found = node_data.RowValues(nodes.at.q[:, q])
+    if derivatives:
+        found.x = np.zeros((nodes.size, len(v), nodes.model.nx))
+        found.x[:, range(len(v)), v] = 1.0  # q and v of joints with limits have the same entries
+    return found
 
 
 class _Velocities(NodeBound):
@@ -484,11 +467,13 @@ class _SideSlips(_Velocities):
 
     def __init__(self, model: ActionModel, rows: RowStack) -> None:
         self._rows = rows
+        # Half of the speed from which the verdict of a run counts a wheel as sliding: the loop adds some of its own.
         super().__init__(rows.names, (), np.full(rows.size, SIDE_SLIP / 2), of_state=model.form != "kinematic")
 
     def rows(self, nodes: node_data.NodeData, derivatives: bool) -> node_data.RowValues:
         found, v = super().rows(nodes, derivatives), nodes.velocity
         if found.x is not None:
+            # The slip is A(q) v. By q, it changes by the rate of A at a unit velocity along each entry of v, times v.
             for k, along in enumerate(np.eye(v.shape[1])):
                 turned = nodes.position.with_velocity(np.broadcast_to(along, v.shape))
                 found.x[:, :, k] += np.matvec(self._rows.jacobian_dot(turned), v)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
-from rnc_pin.errors import ConfigurationError, InputError, nearest
+from rnc_pin.errors import ConfigurationError
 from rnc_pin.motion.optimal import node_data
 from rnc_pin.motion.planning.action_models import ActionModel
 from rnc_pin.references.reference import Reference
@@ -51,6 +51,7 @@ class BoundCost:
             raise ConfigurationError(f"cost: phase '{phase}', expected 'running', 'terminal' or 'both'")
         self.names, self._weight, self._rows, self._target = tuple(names), weight, rows, target
         self.running, self.terminal = phase != "terminal", phase != "running"
+        # Constant weights are checked here, where the cost is stated; functions of time only when a node asks.
         self._roots = None if callable(weight) else np.sqrt(weights_of(weight, self.names))
 
     def root_weights(self, time: Array) -> Array:
@@ -149,7 +150,7 @@ class EffortCost(CostKind):
     target: ArrayLike = 0.0
 
     def bind(self, model: ActionModel) -> BoundCost:
-        target = _entries(self.target, model.nu, "target of the effort cost")
+        target = node_data.row_numbers(self.target, model.input_names, "target")
         return BoundCost(model.input_names, self.weight, "running", node_data.input_rows, target)
 
 
@@ -174,8 +175,9 @@ class VelocityCost(CostKind):
     def bind(self, model: ActionModel) -> BoundCost:
         if model.form == "kinematic" and self.phase != "running":
             raise ConfigurationError("VelocityCost: the kinematic form has no velocity at the end; use 'running'")
-        target = _entries(self.target, model.r, "target of the velocity cost")
-        return BoundCost(model.reduced.reducing.names, self.weight, self.phase, node_data.velocity_rows, target)
+        names = model.reduced.reducing.names
+        target = node_data.row_numbers(self.target, names, "target")
+        return BoundCost(names, self.weight, self.phase, node_data.velocity_rows, target)
 
 
 @dataclass(frozen=True)
@@ -200,22 +202,7 @@ class AccelerationCost(CostKind):
 
 def weights_of(given: Weight, names: Sequence[str]) -> Array:
     """Weights (k,) from a number, a list, or weights by name."""
-    if isinstance(given, Mapping):
-        for name in given:
-            if name not in names:
-                raise ConfigurationError(f"weight: no '{name}'{nearest(str(name), names)}")
-        given = [given.get(name, 0.0) for name in names]
-    weights = _entries(given, len(names), f"weight of {', '.join(names)}")
+    weights = node_data.row_numbers(given, names, "weight")
     if (weights < 0).any():
         raise ConfigurationError(f"weight of {', '.join(names)}: no weight may be negative, found {given!r}")
     return weights
-
-
-def _entries(given: object, size: int, what: str) -> Array:
-    try:
-        array = np.asarray(given, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"{what}: expected {size} numbers, found {given!r}") from None
-    if array.shape not in ((), (size,)) or not np.isfinite(array).all():
-        raise InputError(f"{what}: expected a finite number, or {size}, found {given!r}")
-    return np.broadcast_to(array, (size,)).copy()

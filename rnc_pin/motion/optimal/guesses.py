@@ -51,7 +51,7 @@ def guesses(
         seeds: number of guesses after it: detours first, then loops of the shape, then random ones.
         seed: of the random generator.
     """
-    begin = float(np.mean(problem.duration)) if np.isfinite(problem.duration[1]) else 2 * problem.duration[0]
+    begin = float(np.mean(problem.duration))
     line = straight_line(problem, goal)
     if given is None:
         yield "straight line", along(problem.model, line, begin)
@@ -59,6 +59,7 @@ def guesses(
         yield GIVEN, _given(problem, given, begin)
     random = _random_motions(problem, line, begin, seed)
     words = list(_words(problem, line, begin))
+    # Paths of a car take turns with random motions, so that a few guesses have some of both.
     shaped = chain(*zip(words, random, strict=False)) if words else _loops(problem, line, begin)
     yield from islice(chain(_detours(problem, line, begin), shaped, random), seeds)
 
@@ -78,6 +79,7 @@ def _random_motions(problem: Transcription, line: Array, duration: float, seed: 
     model, K, generator = problem.model, problem.K, np.random.default_rng(seed)
     size = np.maximum(2.0 * np.abs(_speeds(model, line, duration / K)).mean(axis=0), 3.0 / duration)
     phase = np.pi * (np.arange(K) + 0.5) / K
+    # Sines of the whole motion: velocities begin and end at rest. Higher ones are smaller, as in smooth motions.
     waves = np.array([np.sin(j * phase) / np.sqrt(j) for j in range(1, _HARMONICS + 1)])
     made = failed = attempt = 0
     while failed < _PATIENCE:
@@ -85,6 +87,7 @@ def _random_motions(problem: Transcription, line: Array, duration: float, seed: 
         v2 = waves.T @ (generator.normal(size=(_HARMONICS, model.r)) * size)
         try:
             path = _driven(model, line[0], v2[None], duration)[0]
+            # Half of them: a bent motion reaches the goal but breaks the rows, the other one keeps the rows.
             if attempt % 2 == 0:
                 offset = model.manifold.difference(path[-1:], line[-1:])
                 path = model.manifold.integrate(path, np.linspace(0.0, 1.0, K + 1)[:, None] ** 2 * offset)
@@ -108,6 +111,7 @@ def _words(problem: Transcription, line: Array, duration: float) -> Iterator[tup
     for motion, word in steering.paths(line[0], line[-1]):
         forward = [length > 0.0 for _, length in word if abs(length) > _SHORT]
         kind = forward[0], sum(a != b for a, b in pairwise(forward))
+        # Words of one kind are neighbours of each other, and lead to one solution: the shortest stands for all.
         if kind in seen:
             continue
         seen.add(kind)
@@ -124,13 +128,13 @@ def _detours(problem: Transcription, line: Array, duration: float) -> Iterator[t
     """Motions that pass to the left and to the right of each standing obstacle that is in the way of a mobile base."""
     base = problem.model.reduced.robot.model.joints[1]
     if base.shortname() not in ("JointModelPlanar", "JointModelFreeFlyer"):
-        return
+        return  # the side on which an arm passes is not that of a straight line in the plane
     places = slice(base.idx_q, base.idx_q + 2)
     for bound in problem.bounds:
         if not isinstance(bound, DistanceRows):
             continue
         for obstacle in bound.distances.obstacles:
-            if obstacle.motion is not None or obstacle.unbounded:
+            if obstacle.motion is not None or obstacle.unbounded:  # nothing is beside a floor
                 continue
             for side, corners in _corners(line[[0, -1], places], bound.distances, obstacle, bound.clearance):
                 yield f"{side} of {obstacle.name}", along(problem.model, _through(line, places, corners), duration)
@@ -149,6 +153,7 @@ def _corners(
     pose = obstacle.placement(0.0)
     ahead_of, beside = axes @ (pose.act(center)[:2] - ends[0])
     reach = np.abs(axes @ pose.rotation[:2]) @ halves
+    # The largest link at any heading: a guess need not be short.
     room = clearance + float(distances.radii[: distances.link_shapes].max(initial=0.0))
     if abs(beside) >= reach[1] + room or not -reach[0] < ahead_of < length + reach[0]:
         return
@@ -194,6 +199,8 @@ def _loops(problem: Transcription, line: Array, duration: float) -> Iterator[tup
             ends = _driven(model, line[0], v2, duration)[:, -1]
             return np.asarray(model.manifold.difference(np.repeat(end, len(ends), axis=0), ends) @ needed / distance)
 
+        # The phase grows with the area of a circle, but rotations make it bend: the first radius that reaches the goal
+        # is bracketed on a grid, and halved.
         circles, turns = _circles(model.r, progress)
         count = len(circles)
         shares = [progress(circles, turns, np.full(count, radius)) for radius in _RADII]
@@ -214,9 +221,10 @@ def _loops(problem: Transcription, line: Array, duration: float) -> Iterator[tup
     except RncError:
         return
     offsets = model.manifold.difference(paths[:, -1], np.repeat(line[-1:], len(paths), axis=0))
+    # The radius brings the motion as far as the goal along the way to it; what it misses aside has to be small.
     near = np.linalg.norm(offsets, axis=1) < _MISSED * np.sqrt(distance)
     effort = np.square(np.diff(v2, axis=1)).sum(axis=(1, 2))
-    bent = np.linspace(0.0, 1.0, K + 1)[:, None] ** 2
+    bent = np.linspace(0.0, 1.0, K + 1)[:, None] ** 2  # no velocity is added at the start
     names = model.reduced.reducing.names
     for number, k in enumerate([k for k in np.argsort(effort, kind="stable") if near[k]][:_LOOPS], 1):
         path = model.manifold.integrate(paths[k], bent * offsets[k])
@@ -265,6 +273,7 @@ def along(model: ActionModel, q: Array, duration: float, w: Array | None = None)
     v2 = _speeds(model, q, h) if w is None else w
     if model.form == "kinematic":
         return Iterate(q, np.empty((K + 1, 0)), v2, duration)
+    # Velocities of the intervals become those of the nodes between them; the motion begins at rest.
     nodes = np.concatenate([v2[:1], (v2[:-1] + v2[1:]) / 2, v2[-1:]])
     nodes[0] = 0.0
     return _with_inputs(model, q, nodes, duration)

@@ -2,19 +2,49 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from rnc_pin.array_shapes import Array, Float
-from rnc_pin.errors import ConfigurationError, InputError
+from rnc_pin.errors import ConfigurationError, InputError, nearest
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import OutputTarget, SelectedOutputs, find_output
 from rnc_pin.motion.planning.action_models import ActionModel, FlowDerivatives, Nodes
 from rnc_pin.references.reference import Reference
+
+
+def row_numbers(given: object, names: Sequence[str], what: str, missing: float = 0.0) -> Float[Array, " k"]:
+    """Numbers of rows, from one for all, one for each, or numbers by name.
+
+    Args:
+        given: the numbers.
+        names: names of the rows (k,).
+        what: the numbers in messages.
+        missing: number of rows that are not named. If it is finite, the numbers have to be finite too.
+
+    Raises:
+        ConfigurationError: unknown name.
+        InputError: no numbers, or another count of them.
+    """
+    if isinstance(given, Mapping):
+        for name in given:
+            if name not in names:
+                raise ConfigurationError(f"{what}: no '{name}'{nearest(str(name), names)}")
+        given = [given.get(name, missing) for name in names]
+    try:
+        found = np.asarray(given, dtype=float)
+    except (TypeError, ValueError):
+        found = np.full((), np.nan)  # refused below, with what was given
+    allowed = np.isfinite(found) if np.isfinite(missing) else ~np.isnan(found)
+    if found.shape not in ((), (len(names),)) or not allowed.all():
+        kind = "a finite number" if np.isfinite(missing) else "a number"
+        raise InputError(f"{what} of {', '.join(names)}: expected {kind}, or {len(names)}, found {given!r}")
+    return np.broadcast_to(found, len(names)).copy()
+
 
 OutputChoice = OutputTarget | Sequence[OutputTarget]
 """Output object, name of an output of the model, or a list of these."""

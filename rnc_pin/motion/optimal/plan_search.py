@@ -83,12 +83,10 @@ class SearchEffort(NamedTuple):
     Attributes:
         solutions: number of solutions that are wanted.
         guesses: number of guesses after which one solution is enough.
-        alone: True if there is only one guess, whose errors the search then raises.
     """
 
     solutions: int
     guesses: float
-    alone: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,12 +148,15 @@ class PlanSearch:
 
     def __init__(self, problem: Transcription, settings: SolverSettings, effort: SearchEffort, loop: RunLoop) -> None:
         self._problem, self._settings, self._effort, self._loop = problem, settings, effort, loop
+        # Guesses are solved for the clearance itself: a motion that cannot keep more of it is not lost. Improvements
+        # ask for the accuracy on top.
         self._narrow = problem.changed(margins={DISTANCE: np.full(problem.K + 1, -settings.accuracy)})
         self._tried = self._solved = 0
         self._failed: list[Solution] = []
         self._rejected: list[_Made] = []
         self._vain: list[Iterate] = []  # solutions of guesses whose improvements were rejected
         self._left, self._spent = 0.0, False
+        self._error: RncError | None = None
         self._given: Iterate | None = None
 
     def run(self, first: tuple[str, Iterate], further: Iterator[tuple[str, Iterate]]) -> MotionPlan:
@@ -192,6 +193,7 @@ class PlanSearch:
             most = min(costs) + self._settings.cost_tolerance * abs(min(costs))
             best = pool.pop(next(k for k, cost in enumerate(costs) if cost <= most))
             needed += 1
+            # Several guesses lead to one solution: improved once more, it would fail in the same way.
             if any(self._same(best.iterate, each) for each in self._vain):
                 continue
             made = self._refined(best)
@@ -207,6 +209,7 @@ class PlanSearch:
         given, self._given = self._given, None
         if given is None:
             return []
+        # A guess may be a plan that its verification has confirmed: what feedback needs is no reason to refuse it.
         problem = self._problem.changed(reserve=0.0)
         at = problem.from_start(given)
         try:
@@ -214,7 +217,7 @@ class PlanSearch:
         except RncError:
             return []
         violation = problem.worst(values, at.duration)
-        if violation.amount > self._settings.accuracy:
+        if violation.amount > self._settings.accuracy:  # that of the verification, which decides
             return []
         self._solved += 1
         return [Solution(at, values.cost, violation, 0, "feasible", guess=f"{GIVEN}, as it is")]
@@ -229,8 +232,7 @@ class PlanSearch:
         """True if a guess led to a motion within tolerance; others are counted, and kept for the refusal."""
         self._tried += 1
         if isinstance(candidate, RncError):
-            if self._effort.alone:
-                raise InfeasibleError(f"no plan: the guess cannot be evaluated: {candidate}") from None
+            self._error = candidate
             return False
         if candidate.outcome == "infeasible":
             self._failed.append(candidate)
@@ -256,9 +258,12 @@ class PlanSearch:
         for _ in range(settings.refinements):
             made = found[-1]
             alone = made.alone.violation
+            # Errors of second order fall by four when intervals are halved. One that falls by less than two belongs to
+            # an unstable motion, which feedback has to hold.
             if alone <= settings.accuracy or (alone > before / _HELPS and made.confirmed):
                 break
             K, before = 2 * problem.K, alone
+            # Between nodes, rows pass their limits by the square of the interval: a quarter of it will be left.
             margins = problem.margins | self._margins(problem, made, ("velocity", "output"), 0.25)
             finer = problem.changed(K=K, margins={name: np.full(K + 1, each[1]) for name, each in margins.items()})
             after = self._improved(finer, made.solution)
@@ -269,6 +274,7 @@ class PlanSearch:
         for _ in range(_TIGHTENED):
             made = found[-1]
             beyond = [each.quantity for each in made.excesses if each.amount > settings.accuracy]
+            # Margins help rows between nodes alone: a goal that is missed, or inputs, have none.
             if not beyond or set(beyond) - {DISTANCE, "velocity", "output"}:
                 break
             problem = problem.changed(margins=problem.margins | self._margins(problem, made, beyond, 1.0))
@@ -301,6 +307,7 @@ class PlanSearch:
         """Plan of a similar problem, solved from another solution; None if this fails, or no iterations are left."""
         start = solution.iterate
         finer = problem.K / self._problem.K
+        # An iteration takes time in proportion to the number of intervals.
         most = min(int(self._left / finer), self._settings.iterations)
         if most < 1:
             self._spent = True
@@ -342,8 +349,8 @@ class PlanSearch:
         if self._rejected:
             return self._unverified()
         if not self._failed:
-            text = "every guess met a singular configuration; give a guess, or other reducing outputs"
-            return InfeasibleError(f"no plan: {text}")
+            text = f"no plan: no guess can be evaluated: {self._error}"
+            return InfeasibleError(f"{text}; give another guess, or other reducing outputs")
         best = min(self._failed, key=lambda each: each.violation.amount)
         worst, duration = best.violation, best.iterate.duration
         found = InfeasibleError(

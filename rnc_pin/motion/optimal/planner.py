@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -16,8 +16,10 @@ from numpy.typing import ArrayLike
 from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError, warn
 from rnc_pin.model.input_validation import (
+    ConfigurationValidator,
     NotNegative,
     Positive,
+    check_instances,
     check_positive_settings,
     check_settings,
     is_count,
@@ -39,7 +41,6 @@ from rnc_pin.motion.planning.way import Way, intervals_along
 from rnc_pin.plants import ReducedPlant
 from rnc_pin.references.reference import Reference
 
-_T = TypeVar("_T", CostKind, BoundKind)
 _AT_A_LIMIT = 1e-9  # of a value at its limit
 
 
@@ -59,9 +60,10 @@ def build_problem(
         InfeasibleError: the goal is beyond a limit.
     """
     times = _duration(duration)
-    costs = _listed("costs", [EffortCost()] if costs is None else costs, CostKind)
-    bounds = _listed("bounds", bounds, BoundKind)
-    if times[1] > times[0]:
+    costs = [EffortCost()] if costs is None else costs
+    check_instances("costs", costs, CostKind)
+    check_instances("bounds", bounds, BoundKind)
+    if times[1] > times[0]:  # functions of time have no derivative by the duration
         _check_free(costs, bounds)
     if nodes < 2:
         raise InputError(f"nodes: expected at least 2, found {nodes}")
@@ -74,17 +76,6 @@ def build_problem(
     return Transcription(model, start, nodes, [cost.bind(model) for cost in costs], [*stated, *of_file], goal, times)
 
 
-def _listed(name: str, given: Sequence[_T], kind: type) -> list[_T]:
-    """List of costs or bounds; raise an error for a single one, and for an entry of another class."""
-    if not isinstance(given, Iterable):
-        raise ConfigurationError(f"{name}: expected a list of {name} of rnc.optimal, found {given!r}")
-    entries = list(given)
-    for each in entries:
-        if not isinstance(each, kind):
-            raise ConfigurationError(f"{name}: expected {name} of rnc.optimal, found {each!r}")
-    return entries
-
-
 def initial_node(model: ActionModel, q0: ArrayLike, v2_0: ArrayLike | None = None) -> Nodes:
     """Return the initial state, at rest by default.
 
@@ -94,12 +85,10 @@ def initial_node(model: ActionModel, q0: ArrayLike, v2_0: ArrayLike | None = Non
     """
     if model.form == "kinematic" and v2_0 is not None:
         raise ConfigurationError("v2_0: the kinematic form has no initial velocity; use 'acceleration' or 'dynamic'")
-    state = model.reduced.at(q0, np.zeros(model.r) if v2_0 is None else v2_0)
-    if state.q.ndim != 1:
-        raise InputError(f"q0: expected one configuration, found shape {state.q.shape}")
-    _ = state.v
-    w = np.empty((1, 0)) if model.form == "kinematic" else np.array(state.v2)[None]
-    return Nodes(np.array(state.q)[None], w)
+    q = ConfigurationValidator(model.reduced.robot).validate_one(q0, "q0")
+    state = model.reduced.at(q, np.zeros(model.r) if v2_0 is None else v2_0)
+    _ = state.v  # a singular start is refused here, and not as the failure of all guesses
+    return Nodes(q[None], np.empty((1, 0)) if model.form == "kinematic" else np.array(state.v2)[None])
 
 
 def with_reserves(problem: Transcription, settings: SolverSettings) -> Transcription:
@@ -297,11 +286,13 @@ def plan_motion(
     def solved(guess: Guess, settings: SolverSettings, seeds: int) -> MotionPlan:
         problem = build_problem(model, start, end, duration, costs, bounds, settings.nodes, limits)
         problem.time_weight = time_weight
-        problem = with_reserves(problem, settings)
+        problem = with_reserves(problem, settings)  # after the refusals above, which count the limits themselves
         _warn_of_differences(problem)
         starts = guesses(problem, goal, guess, seeds + wanted - 1, seed)
         first = next(starts)
-        effort = SearchEffort(wanted, np.inf, alone=not seeds and wanted == 1)
+        effort = SearchEffort(wanted, np.inf)
+        # At rest a nonholonomic robot cannot leave the straight line to first order: the solution nearest to it is
+        # rarely the cheapest. A guess of the caller says which one is wanted.
         if solutions is None and seeds and guess is None:
             effort = effort._replace(solutions=_USUAL if _bends(problem, first[1]) else 1, guesses=_USUAL)
         return PlanSearch(problem, settings, effort, loop).run(first, starts)
@@ -310,6 +301,7 @@ def plan_motion(
         guess = guess.q[[0, -1]]  # a way that stays has no pieces
     if isinstance(guess, Way):
         longest = _duration(duration)[1]
+        # The configurations of a way alone first: a motion that need not stop at its nodes is smoother and faster.
         if wanted == 1:
             with suppress(InfeasibleError):
                 return solved(guess.at(np.linspace(0.0, guess.duration, _POINTS)), settings, 0)
@@ -327,6 +319,7 @@ def _bends(problem: Transcription, line: Iterate) -> bool:
     """True if rows do not allow the straight line, and no bounds make each solution expensive."""
     if any(isinstance(each, DistanceRows) and each.distances.obstacles for each in problem.bounds):  # it takes long
         return False
+    # The part of the line's velocity that reduced velocities give back: all of it, where the rows allow the line.
     v = problem.model.manifold.difference(line.q[:-1], line.q[1:]) * problem.K / line.duration
     reduced = problem.model.reduced
     allowed = reduced.at(line.q[:-1], np.einsum("kri,ki->kr", reduced.at(line.q[:-1]).J2, v)).v

@@ -5,9 +5,10 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, asdict, dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
+from annotated_types import Ge
 
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.controller import (
@@ -21,6 +22,7 @@ from rnc_pin.control.controller import (
 )
 from rnc_pin.errors import ConfigurationError, RncError, warn
 from rnc_pin.model.evaluation_results import Measurement
+from rnc_pin.model.input_validation import NotNegative, Positive, check_settings
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.motion.optimal.bounds import BoundKind, Goal, GoalRows
 from rnc_pin.motion.optimal.costs import CostKind
@@ -88,14 +90,13 @@ class UpdateSchedule:
         UpdateSchedule(period=0.05, iterations=1, delay=0.01, budget=None)
     """
 
-    period: float = 0.05
-    iterations: int = 1
-    delay: float = 0.0
-    budget: float | None = None
+    period: Positive = 0.05
+    iterations: Annotated[int, Ge(1)] = 1
+    delay: NotNegative = 0.0
+    budget: NotNegative | None = None
 
     def __post_init__(self) -> None:
-        if not (self.period > 0 and self.delay >= 0 and self.iterations >= 1):
-            raise ConfigurationError("period has to be positive, delay not negative, and iterations at least 1")
+        check_settings(self)
 
 
 @dataclass(eq=False, repr=False)
@@ -251,6 +252,7 @@ class PredictiveController(DescribedMixin):
 
     def _updated(self, t: float, now: Nodes, state: PredictiveState) -> PredictiveState:
         """State after an update of the motion, or with one more missed update."""
+        # Processor time: other programs of the computer do not make updates fail.
         limit, begin, K = self.updates.budget, time.process_time(), self.nodes
         waiting = state._replace(next_update=t + self.updates.period)
         self._problem.begin = t + self.updates.delay
@@ -259,7 +261,7 @@ class PredictiveController(DescribedMixin):
             escapes, point = state.escapes, self.set_point
             searches = point is not None and t >= state.next_search - 1e-9
             if point is not None and searches and stalls(point, Nodes(at.q[:1], at.w[:1]), at.q[-1]):
-                limit = None
+                limit = None  # a search takes seconds: with the budget of an update, its plan would be dropped
                 pause = self.horizon * 2.0 ** min(state.searches, _LONGEST)
                 waiting = waiting._replace(searches=state.searches + 1, next_search=t + pause)
                 plan, known = first_motion(self._model, point, at, self.bounds, state.searches), None
@@ -272,6 +274,8 @@ class PredictiveController(DescribedMixin):
                     at = first
             solver = SequentialQuadratic(self._problem, self._solver_settings)
             solver.interior.multipliers = known
+            # A fresh solver: damping and penalties of the last update belong to another horizon. The multipliers are
+            # the part that saves iterations.
             rows = None
             for _ in range(self.updates.iterations):
                 improved = solver.iterate(at)
@@ -304,6 +308,7 @@ class PredictiveController(DescribedMixin):
         """State at the end of the delay, under the inputs of the last motion."""
         if self.updates.delay == 0.0:
             return now
+        # Feedback acts during the delay too, so that its inputs change within an interval.
         parts = max(1, int(np.ceil(self.updates.delay / self._h)))
         step = self.updates.delay / parts
         for k in range(parts):
@@ -325,6 +330,7 @@ class PredictiveController(DescribedMixin):
         """Last motion from a new time and a new start on, and its multipliers; the last input repeats after its end."""
         K = self.nodes
         since = np.maximum(begin + self._h * np.arange(K) - state.begin, 0.0)
+        # The input of the nearest interval: one that is interpolated would be none of the last motion.
         places = np.minimum((since / self._h + 0.5).astype(int), len(state.u) - 1)
         u = state.u[places]
         q, w = (

@@ -132,6 +132,7 @@ class SequentialQuadratic:
         mark, age = np.inf, 0  # violation at the last time that it was halved, and iterations since
         while count < s.iterations:
             count += 1
+            # Far from the optimum, the first change of the cost is infinite: the first subproblem is solved to the end.
             found = self.iterate(at, before if before < 1.0 else None)
             if found is None:
                 done = not self._raise_penalty(values, at.duration)
@@ -142,6 +143,7 @@ class SequentialQuadratic:
             at, values = found
             amount = self.problem.worst(values, at.duration).amount
             mark, age = (amount, 0) if amount < 0.5 * mark else (mark, age + 1)
+            # The penalty is exact once it exceeds the multipliers. Violations that stay say that it does not.
             if age > _PATIENCE and self._raise_penalty(values, at.duration):
                 mark, age = amount, 0
             calm = calm + 1 if change < s.cost_tolerance else 0
@@ -152,6 +154,7 @@ class SequentialQuadratic:
             slow = weight and costs[-1 - _SLOW] - costs[-1] < 10 * _SLOW * s.cost_tolerance * abs(costs[-1])
             near = calm and self._whole and rest < _REST * s.cost_tolerance
             done = bool((slow or near) and amount <= s.tolerance)
+            # Three calm iterations: damped steps change little without being near.
             done = done or (calm >= 3 and not self._raise_penalty(values, at.duration))
             if done:
                 break
@@ -182,7 +185,7 @@ class SequentialQuadratic:
         while self._damping < _MOST_DAMPING:
             try:
                 direction = self.interior.solve(problem, self._damping, self._weight, change)
-            except SimulationError:
+            except SimulationError:  # not convex to rounding, because the Hessian lacks directions
                 self._damping = max(10 * self._damping, 1e-3)
                 continue
             found = self._searched(at, values, direction, sizes, change is not None)
@@ -200,6 +203,8 @@ class SequentialQuadratic:
     ) -> tuple[Iterate, Values, float] | None:
         """Line search along a direction: the next iterate, its values, and the step length."""
         assert self.linear is not None
+        # Weights of gaps exceed their multipliers, so that the direction descends. They fall by half at most: a merit
+        # function that changes much from step to step accepts cycles.
         costate = np.abs(direction.costate[1:, : self.problem.model.nx]).max(axis=0)
         self._gap_weights = np.maximum(0.5 * self._gap_weights, 1.5 * costate)
         merit = self._merit(values, sizes)
@@ -208,7 +213,10 @@ class SequentialQuadratic:
         for length in _LENGTHS:
             after = self.problem.moved(at, direction.x, direction.u, float(length))
             try:
+                # Gaps of velocities grow with the square of the step, and so does the merit: closed, long steps pass.
                 after = self.problem.closed(after, self.linear)
+                # After a whole step the next one is probably whole too: derivatives cost little more than values, and
+                # the next iteration has them already.
                 if ahead and self._whole and length == 1.0:
                     linear, result = self.problem.linearize(after)
                     self._ahead = after, linear, result
@@ -269,6 +277,7 @@ class LimitSolver:
         values = self._problem.values(found.iterate)
         if self._problem.excess(values).max(initial=0.0) <= max(self._tolerance, found.violation.amount):
             return found
+        # Without the weight of the other problem: new rows change the multipliers.
         within = self._whole.solve(found.iterate)
         within.iterations += found.iterations
         return within

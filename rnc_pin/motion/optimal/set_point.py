@@ -27,7 +27,8 @@ from rnc_pin.analysis.growth import filtration
 from rnc_pin.analysis.privileged_coordinates import PrivilegedCoordinates, privileged_coordinates
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.controller import MissedGoal
-from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, InputError, RncError
+from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, RncError
+from rnc_pin.model.input_validation import ConfigurationValidator, Positive, check_settings
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import OutputTarget
@@ -85,10 +86,7 @@ class SetPoint:
             self.q = np.array(found.q)
             self.ignored = self._undetermined(NodeOutputs(reduced, list(goal)))
         else:
-            at = reduced.at(goal)
-            if at.q.ndim != 1:
-                raise InputError(f"goal: expected one configuration, found shape {at.q.shape}")
-            self.q, self.ignored = np.array(at.q), ()
+            self.q, self.ignored = ConfigurationValidator(reduced.robot).validate_one(goal, "goal"), ()
         self.q.setflags(write=False)
         self._model = KinematicModel(reduced)
         self._rows = GoalRows(self._model, goal, at_rest=False)
@@ -203,11 +201,10 @@ class SetPointCost(CostKind):
     weight: float | Sequence[float] | Mapping[str, float] = 1.0
     velocity_weight: float | Sequence[float] | Mapping[str, float] = 1.0
     phase: Phase = "both"
-    precision: float = 0.02
+    precision: Positive = 0.02
 
     def __post_init__(self) -> None:
-        if not 0 < self.precision < np.inf:
-            raise ConfigurationError(f"set point: expected a positive precision, found {self.precision:g}")
+        check_settings(self)
 
     def bind(self, model: ActionModel) -> BoundCost:
         return SetPointBound(self, model)

@@ -117,7 +117,7 @@ class Transcription:
         made = Transcription(self.model, self.start, K, self.costs, bounds, self.goal, duration, self.time_weight)
         made.begin = self.begin
         made._keep_reserve(self.reserve if reserve is None else reserve)
-        made.margins = margins or (self.margins if K == self.K else {})
+        made.margins = margins or (self.margins if K == self.K else {})  # margins belong to the nodes of a grid
         for row, (title, quantity) in enumerate(zip(made.names, made.quantities, strict=True)):
             margin = made.margins.get(DISTANCE if quantity == DISTANCE else title, 0.0)
             made.lower[:, row] += margin
@@ -128,6 +128,7 @@ class Transcription:
         """Narrow the limits of outputs and velocities, as far as the start and the goal are within."""
         self.reserve = reserve
         nodes = NodeData(self.model, self.start, None, np.full(1, self.begin))
+        # By the range of an output, and by the size of a velocity: zero is inside the limits of a velocity.
         for each, rows in self.blocks if reserve else ():
             if each.quantity not in ("output", "velocity", *(("input",) if self.model.form == "kinematic" else ())):
                 continue  # saturation keeps accelerations and efforts
@@ -138,6 +139,7 @@ class Transcription:
             if isinstance(self.goal, GoalRows) and each.quantity == "output":
                 reached = self.goal.values_of(each)
                 ends.append(np.array([reached.get(name, np.nan) for name in each.names]))
+            # No node keeps more than the start and the goal do: the problem would have no solution. NaN is no end.
             for values in ends:
                 low = np.fmax(np.fmin(low, values - each.lower), 0.0)
                 high = np.fmax(np.fmin(high, each.upper - values), 0.0)
@@ -167,20 +169,26 @@ class Transcription:
             cost += 0.5 * h * float((r**2).sum())
         for each in self.terminal:
             cost += 0.5 * float(((each.rows(end, False).value * each.root_weights(end.time)) ** 2).sum())
-        return Values(cost, gaps, self._rows(nodes, end))
+        return Values(cost, gaps, self._rows(nodes, end, False)[0])
 
     def rows(self, at: Iterate) -> Float[Array, "K1 k"]:
         """Bounded rows at every node."""
-        return self._rows(*self._data(at))
+        return self._rows(*self._data(at), False)[0]
 
-    def _rows(self, nodes: NodeData, end: NodeData) -> Array:
-        rows = np.zeros(self.lower.shape)
-        for block, where in self.blocks:
-            if block is not self.goal:
-                rows[:-1, where] = block.rows(nodes, False).value
-            if block.of_state:
-                rows[-1, where] = block.rows(end, False).value[0]
-        return rows
+    def _rows(self, nodes: NodeData, end: NodeData, derivatives: bool) -> tuple[Array, Array, Array]:
+        """Rows of every node, and their derivatives by state and input, if they are wanted."""
+        nx, nu = self.model.nx, self.model.nu
+        values = np.zeros(self.lower.shape)
+        C, D = np.zeros((*values.shape, nx)), np.zeros((*values.shape, nu))
+        for data, at in ((nodes, slice(None, -1)), (end, slice(-1, None))):
+            # The goal holds at the end alone. Rows of inputs hold before it: the last state has none.
+            for block, where in self.blocks:
+                if block.of_state if data is end else block is not self.goal:
+                    found = block.rows(data, derivatives)
+                    values[at, where] = found.value
+                    if derivatives:
+                        C[at, where], D[at, where] = found.full(nx, nu)
+        return values, C, D
 
     def excess(self, values: Values) -> Float[Array, "K1 k"]:
         """Amounts by which the rows are beyond their limits."""
@@ -213,10 +221,12 @@ class Transcription:
         nodes, end = self._data(at, steps)
         gaps = self.model.difference(Nodes(at.q[1:], at.w[1:]), steps.after)
         cost, H, g, H_end, g_end = self._costs(nodes, end, at.duration)
-        C, D, rows = self._linear_rows(nodes, end)
+        rows, C, D = self._rows(nodes, end, True)
         limits = (self.lower - rows, self.upper - rows)
         holding, rates = None, slice(self.model.nv, None)
         if self.model.form == "dynamic":
+            # Efforts that keep the velocity although the state deviates: without them, damping and typical sizes would
+            # count what gravity needs, and the sizes of an unstable motion would grow from stage to stage.
             holding = -np.linalg.pinv(steps.u[:, rates]) @ (steps.x - np.eye(self.model.nx))[:, rates]
         problem = LinearQuadratic(steps.x, steps.u, gaps, H, g, H_end, g_end, C, D, *limits, holding)
         values = Values(cost, gaps, rows)
@@ -248,21 +258,6 @@ class Transcription:
             first = rows.stop
         return r, J
 
-    def _linear_rows(self, nodes: NodeData, end: NodeData) -> tuple[Array, Array, Array]:
-        """Derivatives of the rows of every node by state and input, and their values."""
-        nx, nu = self.model.nx, self.model.nu
-        values = np.zeros(self.lower.shape)
-        C, D = np.zeros((*values.shape, nx)), np.zeros((*values.shape, nu))
-        for block, where in self.blocks:
-            if block is not self.goal:
-                found = block.rows(nodes, True)
-                values[:-1, where] = found.value
-                C[:-1, where], D[:-1, where] = found.full(nx, nu)
-            if block.of_state:
-                found = block.rows(end, True)
-                values[-1, where], C[-1, where] = found.value[0], found.full(nx, nu)[0][0]
-        return C, D, values
-
     def _with_duration(self, problem: LinearQuadratic, by_duration: Array, at: Iterate) -> LinearQuadratic:
         """Add the duration to the state, and a first stage whose only motion is its change."""
         K, nx, nu = problem.B.shape
@@ -275,7 +270,8 @@ class Transcription:
         usual = np.einsum("nii->ni", problem.H)[:, nx : nx + nu].mean(axis=0)
         usual = np.maximum(usual, max(1e-6 * float(usual.max()), _LEAST))
         H[0, nx + 1 :, nx + 1 :] = np.diag(usual)
-        # The first input of this stage has the usual weight, so that all stages have the same scales.
+        # All but the first input of this stage do nothing; with the usual weights, all stages have the same scales. The
+        # first one is in units in which its weight is the curvature of the cost by the duration.
         curvature = float(problem.H[:, -1, -1].sum()) + self.time_weight / at.duration
         unit = float(np.sqrt(usual[0] / curvature)) if curvature > _LEAST else 1.0
         B[0, nx, 0], g[0, nx + 1] = unit, self.time_weight * unit
@@ -310,6 +306,7 @@ class Transcription:
         """Iterate after a part of a direction of the subproblem."""
         duration = at.duration
         if self.free:
+            # Rounding of the subproblem may pass the limits of the duration, which have no tolerance.
             duration = float(np.clip(duration + length * x[1, -1], *self.duration))
             x, u = x[1:, :-1], u[1:]
         states = self.model.displaced(Nodes(at.q, at.w), length * x)
@@ -324,6 +321,7 @@ class Transcription:
         """
         nv, nx, K = self.model.nv, self.model.nx, self.K
         if self.model.form == "dynamic":
+            # Inputs move velocities directly, and configurations by half a step: gaps of these are left to the solver.
             by_velocity = np.linalg.pinv(linear.B[-K:, nv:nx])
             for _ in range(_CLOSINGS):
                 after = self.model.step(Nodes(at.q[:-1], at.w[:-1]), at.u, np.full(K, at.duration / K))
@@ -334,6 +332,7 @@ class Transcription:
 def gains_of(linear: LinearQuadratic, room: Float[Array, "N1 k"]) -> Float[Array, "N nu nx"]:
     """Gains of the feedback of a linearization, and the distances of its rows from their limits."""
     nx, inputs, sizes = linear.B.shape[1], linear.input_scales, linear.typical_sizes
+    # Some cost for inputs without a weight: else their feedback would be infinite.
     H = linear.scaled_hessian(1e-6)
     active = ((room / sizes)[:-1] < _ACTIVE)[:, :, None]
     of_input = active * linear.D[:-1] * inputs / sizes[:-1, :, None]

@@ -101,8 +101,10 @@ class WayFollower(DescribedMixin):
         self._v = np.where(self.way.planned, self.way.v, 0.0)
         driving, steered = self._v[:, :3].any(axis=1), self.way.info.steering in (AimedSteering.kind, CarSteering.kind)
         steers = steered & driving.any() & ~self._v[driving].any(axis=0)  # joints that move while the base stands
+        # Motors of steering are quicker than a base: a small acceleration of the base does not slow them.
         share = np.where(steers, min(1.0, self.acceleration / STEERING_ACCELERATION), 1.0)
         self._sizes = np.abs(share * self._v).max(axis=1)
+        # A corner of the reduced velocities is a jump of v too, and v has the units that the acceleration is given in.
         jumps = np.abs(np.diff(self._v, axis=0)).max(axis=1) > _SAME * self._sizes[:-1]
         ends = np.where(np.append(jumps, True)[: len(self._v)], self.way.time[1:], np.inf)
         self._stops = np.minimum.accumulate(ends[::-1])[::-1]
@@ -134,12 +136,15 @@ class WayFollower(DescribedMixin):
             return VelocityTarget(v2=still, v2_dot=still), state
         away = self._away(state.place, q)
         if np.abs(away).max() > self.tube and state.end == self.way.duration:
+            # It brakes on the way, as far as the next stop: beside the way nothing was checked.
             k = self._segment(state.place)
             room = 0.5 * state.speed**2 * float(self._sizes[k]) / self.acceleration
             state = state._replace(end=min(state.place + room, float(self._stops[k])))
         along = self.way.reduced_velocity(state.place)
         places, gains = self._gains
         K = gains[int(places.searchsorted(state.place, "right")) - 1]
+        # The gains are for the speeds of the way: scaled with the speed, the path is the same, and at rest nothing
+        # moves.
         return VelocityTarget(v2=state.speed * (along + K @ away), v2_dot=state.rate * along), state
 
     def _away(self, place: float, q: Array) -> Float[Array, " nv"]:
@@ -159,6 +164,8 @@ class WayFollower(DescribedMixin):
         k = self._segment(place)
         last, most = min(float(self._stops[k]), state.end), self.acceleration / float(self._sizes[k])
         room = max(last - place - 0.5 * speed * since, 0.0)
+        # The largest speed from which the robot, after this sample, still stops in the room with its acceleration: the
+        # root of new^2 / (2 most) + new since / 2 = room.
         top = most * ((0.25 * since**2 + 2.0 * room / most) ** 0.5 - 0.5 * since)
         new = max(min(self.speed, speed + most * since, top), speed - most * since, 0.0)
         place += 0.5 * (speed + new) * since

@@ -66,9 +66,9 @@ test_mistakes_are_refused_in_one_line = refused([
     (lambda: SetPointController(systems.sleigh(), GOAL, 4.0, bounds=[optimal.VelocityBound(1.0, -1.0)]), INPUT,
         "above upper limit"),
     (lambda: SetPointController(systems.sleigh(), GOAL, 4.0, nodes=1), INPUT, "nodes: expected at least 2"),
-    (lambda: planned(costs=[1.0]), WRONG, "expected costs"),
-    (lambda: planned(costs=optimal.EffortCost(1.0)), WRONG, "costs: expected a list of costs of rnc.optimal, found"),
-    (lambda: planned(bounds=optimal.InputBound(-1.0, 1.0)), WRONG, "bounds: expected a list of bounds of rnc.optimal"),
+    (lambda: planned(costs=[1.0]), WRONG, "costs: expected a list of CostKind objects"),
+    (lambda: planned(costs=optimal.EffortCost(1.0)), WRONG, "costs: expected a list of CostKind objects, found Eff"),
+    (lambda: planned(bounds=optimal.InputBound(-1.0, 1.0)), WRONG, "bounds: expected a list of BoundKind objects"),
     (lambda: planned(settings={"nodes": 20}), WRONG, "expected SolverSettings, found a mapping with keys nodes"),
     (lambda: planned(settings=SolverSettings(nodes=10.5)), WRONG, "has to be an integer, at least 2, found 10.5"),
     (lambda: planned(settings=SolverSettings(accuracy=-1)), WRONG, "accuracy of SolverSettings has to be above 0"),
@@ -88,7 +88,7 @@ test_mistakes_are_refused_in_one_line = refused([
     (lambda: SetPoint(systems.differential_drive(), systems.differential_drive().robot.configuration()), NONE,
         "4 of 5 dimensions"),  # the difference of the wheels' angles follows from the yaw
     (out_of_reach, NONE, "no configuration reaches the goal"),
-    (lambda: optimal.SetPointCost(np.zeros(4), precision=0.0), WRONG, "positive precision"),
+    (lambda: optimal.SetPointCost(np.zeros(4), precision=0.0), WRONG, "precision of SetPointCost has to be above 0"),
     (lambda: bound(optimal.SetPointCost(GOAL, weight={"x": 1.0}), systems.sleigh(), "kinematic"), WRONG, "no 'x'"),
     *(
         (lambda name=name: to_set_point(**{name: 0.0}), WRONG, f"{name}: expected a positive number")
