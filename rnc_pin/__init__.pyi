@@ -65,7 +65,17 @@ from .motion.optimal import tvlqr as tvlqr
 from .motion.planning import IkResult as IkResult
 from .motion.planning import IkSearch as IkSearch
 from .motion.planning import solve_ik as solve_ik
-from .outputs import *
+from .outputs import CenterOfMass as CenterOfMass
+from .outputs import Distance as Distance
+from .outputs import FrameAngularVelocity as FrameAngularVelocity
+from .outputs import FrameOrientation as FrameOrientation
+from .outputs import FramePosition as FramePosition
+from .outputs import FrameSpeed as FrameSpeed
+from .outputs import FrameTilt as FrameTilt
+from .outputs import FrameYaw as FrameYaw
+from .outputs import JointPosition as JointPosition
+from .outputs import Output as Output
+from .outputs import velocity_outputs as velocity_outputs
 from .plants import ContactPlant as ContactPlant
 from .plants import Faults as Faults
 from .plants import ReducedPlant as ReducedPlant

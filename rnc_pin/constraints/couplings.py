@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple, cast
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin._kernel import Form, KernelRow, wrench_rows
+from rnc_pin._kernel.kernel_rows import Form, KernelRow, wrench_rows
 from rnc_pin.errors import ConfigurationError, ConstraintError, nearest
 from rnc_pin.math.linear_algebra import Component, Entry, apply, components, cross, packed, packed_vector
 from rnc_pin.model.frame_rows import DirectionRows, OffsetFrame, PointRows, frame_direction, triple

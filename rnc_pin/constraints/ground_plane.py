@@ -13,7 +13,7 @@ from typing import NamedTuple, cast
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin._kernel import Form, KernelRow, attached, wrench_rows
+from rnc_pin._kernel.kernel_rows import Form, KernelRow, attached, wrench_rows
 from rnc_pin.errors import ConfigurationError, ConstraintError
 from rnc_pin.math.linear_algebra import Entry, cross, dot
 from rnc_pin.model.frame_rows import FLAT, DirectionRows, frame_direction, triple

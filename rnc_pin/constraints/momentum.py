@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin._kernel import Form, KernelRow, placement_numbers
+from rnc_pin._kernel.kernel_rows import Form, KernelRow, placement_numbers
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.input_validation import Numbers

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy import ndarray as Array
 
-from rnc_pin._kernel import KernelRow
+from rnc_pin._kernel.kernel_rows import KernelRow
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import Component, apply
 from rnc_pin.model.coordinates import Coordinates, left_jacobian

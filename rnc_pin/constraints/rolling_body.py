@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin._kernel import Form, KernelRow, attached, wrench_rows
+from rnc_pin._kernel.kernel_rows import Form, KernelRow, attached, wrench_rows
 from rnc_pin.constraints.ground_plane import GroundPlane, on_carrier
 from rnc_pin.constraints.surfaces import (
     BodyShape,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin._kernel import Form, KernelRow, wrench_rows
+from rnc_pin._kernel.kernel_rows import Form, KernelRow, wrench_rows
 from rnc_pin.constraints.ground_plane import GroundPlane, RollingRows, WheelDisk, on_carrier, plane_below
 from rnc_pin.constraints.rolling_body import RollingBody
 from rnc_pin.constraints.surfaces import CurvedGround, Torus, admit_ground

@@ -14,7 +14,7 @@ from typing import TypeAlias, cast
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin._kernel import AttachedFrame, Form, KernelRow, attached, component_rows, wrench_rows
+from rnc_pin._kernel.kernel_rows import AttachedFrame, Form, KernelRow, attached, component_rows, wrench_rows
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.math.linear_algebra import (
     Component,

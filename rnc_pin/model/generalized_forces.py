@@ -14,7 +14,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
-from rnc_pin._kernel import KernelForce, KernelRow
+from rnc_pin._kernel.kernel_rows import KernelForce, KernelRow
 from rnc_pin.errors import ConstraintError, InputError, ModelError
 from rnc_pin.model.frame_rows import axis_index
 from rnc_pin.model.input_validation import Axis, Positive

@@ -11,7 +11,7 @@ import pinocchio as pin
 from numpy import ndarray as Array
 
 from rnc_pin import _kernel
-from rnc_pin._kernel import (
+from rnc_pin._kernel.kernel_rows import (
     INTEGERS,
     NUMBERS,
     AttachedFrame,

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 from numpy import ndarray as Array
 
-from rnc_pin._kernel import Form, KernelRow, Value, attached
+from rnc_pin._kernel.kernel_rows import Form, KernelRow, Value, attached
 from rnc_pin.math.linear_algebra import (
     apply,
     apply_transposed,

@@ -17,7 +17,7 @@ from typing import Literal, NamedTuple, Protocol, TypeVar, runtime_checkable
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin._kernel import Form, KernelRow
+from rnc_pin._kernel.kernel_rows import Form, KernelRow
 from rnc_pin.errors import DivergenceError, InputError, SingularityError, short_text
 from rnc_pin.math.linear_algebra import Component, smallest
 from rnc_pin.model.coordinates import Coordinates

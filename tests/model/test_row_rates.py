@@ -79,7 +79,7 @@ def test_many_states_are_as_each(name):
 
 def test_every_kind_has_rows_here():
     """A user's own rows are in ``test_user_functions.py``, motions over time in ``test_kept_outputs.py``."""
-    public = [getattr(room, name) for room in (rnc.constraints, rnc.outputs) for name in dir(room)]
+    public = [getattr(room, name) for room in (rnc.constraints, rnc.outputs) for name in room.__all__]
     kinds = {each for each in public if inspect.isclass(each) and hasattr(each, "bind")}
     written_down = {"Pfaffian", "Output", "PrescribedMotion"}
     assert {each.__name__ for each in kinds - {type(kind) for _, kind in ROWS.values()}} == written_down

@@ -15,7 +15,7 @@ from kernel_calls import CALLS, LIMITS, TASKS, Taken, rows_of
 from kinds import ILL_SCALED, KINDS, ROBOTS, driven_arm
 from random_systems import recipes, reduced_of
 from rnc_pin import _kernel
-from rnc_pin._kernel import Form, Value
+from rnc_pin._kernel.kernel_rows import Form, Value
 from rnc_pin.analysis.derivatives import _at_one_state as at_one_state
 from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.control import limits, tasks
@@ -267,7 +267,7 @@ def test_functions_of_the_library(name, monkeypatch):
 def test_each_kind_has_a_reduction(monkeypatch):
     """Constraints, outputs and forces that can be bound, and formulas of rows and values."""
     rooms = (rnc.constraints, rnc.outputs, rnc.forces)
-    public = [getattr(room, name) for room in rooms for name in dir(room)]
+    public = [getattr(room, name) for room in rooms for name in room.__all__]
     kinds = {each for each in public if inspect.isclass(each) and hasattr(each, "bind")}
     assert len(kinds) > 25
     bound, forms, values = set(), set(), set()

@@ -96,7 +96,7 @@ def test_the_example_runs_and_its_objects_can_be_copied(name):
 def test_descriptions_cannot_be_changed():
     """They can be kept and compared: a system does not change."""
     rooms = ("analysis", "constraints", "control", "model", "outputs", "motion.planning")
-    rooms = tuple(f"rnc_pin.{name}." for name in rooms)
+    rooms = tuple(f"rnc_pin.{name}" for name in rooms)
     described = [kind for kind in NAMED.values() if isinstance(kind, type) and is_dataclass(kind)]
     described = [kind for kind in described if kind.__module__.startswith(rooms)]
     assert len(described) > 40

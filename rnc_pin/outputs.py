@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin._kernel import Form, KernelRow, Value, attached
+from rnc_pin._kernel.kernel_rows import Form, KernelRow, Value, attached
 from rnc_pin.errors import ConfigurationError, ConstraintError, nearest
 from rnc_pin.math.linear_algebra import Entry, apply, complex_step, components, dot
 from rnc_pin.model.frame_rows import DirectionRows, FrameVelocityRows, axis_index, evaluated, rate_of
@@ -20,6 +20,20 @@ from rnc_pin.model.rows import ConstantRows, OutputKind, OutputRows, admitting, 
 from rnc_pin.model.user_functions import DerivedRate, check_rate
 from rnc_pin.robots.model_checks import joints_with_moving_axes
 from rnc_pin.robots.robot import Robot
+
+__all__ = [
+    "CenterOfMass",
+    "Distance",
+    "FrameAngularVelocity",
+    "FrameOrientation",
+    "FramePosition",
+    "FrameSpeed",
+    "FrameTilt",
+    "FrameYaw",
+    "JointPosition",
+    "Output",
+    "velocity_outputs",
+]
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from rnc_pin._kernel import FORMS_OF_FORCES, Form, KernelForce, KernelRow, Value, attached
+from rnc_pin._kernel.kernel_rows import FORMS_OF_FORCES, Form, KernelForce, KernelRow, Value, attached
 from rnc_pin.errors import ConstraintError, InputError
 from rnc_pin.math.linear_algebra import apply, apply_transposed
 from rnc_pin.model.coordinates import Coordinates
@@ -18,6 +18,8 @@ from rnc_pin.model.kinematics import OWN_AXES, WORLD_AXES, PositionKinematics, V
 from rnc_pin.model.rows import ConstantRows, OutputKind, admit_rows
 from rnc_pin.model.user_functions import gradient_with_error, vector_gradient_with_error
 from rnc_pin.robots.robot import Robot
+
+__all__ = ["Damper", "ForceFunction", "SmoothFriction", "Spring", "Wrench"]
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,0 @@
-"""Reducing and vertical outputs."""
-
-from rnc_pin.lazy_exports import lazy_exports
-
-__getattr__, __dir__, __all__ = lazy_exports(__name__)
