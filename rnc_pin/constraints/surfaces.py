@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -47,8 +48,46 @@ class BodyShape(Protocol):
         """
 
 
+class _SupportedShape(ABC):
+    """Surface with the support function ``scale sqrt(d . S d) + tube |d|`` of a direction d."""
+
+    @property
+    @abstractmethod
+    def support(self) -> tuple[np.ndarray, float, float]:
+        """Diagonal of S (3,), scale and tube, with lengths in m."""
+
+    def point(self, normal: np.ndarray) -> np.ndarray:
+        """Surface point (..., 3) [m] with the outward unit normal (..., 3).
+
+        Args:
+            normal: outward unit normal, in the axes of the body.
+        """
+        return support_point(normal, *self.support)
+
+    def point_rate(self, normal: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        """Rate of ``point`` (..., 3) for a rate of the normal (..., 3).
+
+        Args:
+            normal: outward unit normal, in the axes of the body.
+            rate: rate of the normal [1/s], across it.
+        """
+        S, scale, tube = self.support
+        length = _dot(S * normal, normal) ** 0.5
+        unit = S * normal / length
+        # Derivative of the unit vector S d / |S d|: what is along it does not turn it.
+        return np.asarray(scale * (S * rate - unit * _dot(unit, rate)) / length + tube * rate)
+
+    def regularity(self, normal: np.ndarray) -> np.ndarray:
+        """One: every normal has one point.
+
+        Args:
+            normal: outward unit normal, in the axes of the body.
+        """
+        return np.ones(normal.shape[:-1])
+
+
 @dataclass(frozen=True)
-class Sphere:
+class Sphere(_SupportedShape):
     """Ball.
 
     Args:
@@ -64,30 +103,14 @@ class Sphere:
     def __post_init__(self) -> None:
         check_positive("radius of a sphere", self.radius)
 
-    def point(self, normal: np.ndarray) -> np.ndarray:
-        """Surface point (..., 3) [m] with the outward unit normal (..., 3).
-
-        Args:
-            normal: outward unit normal, in the axes of the body.
-        """
-        return self.radius * normal
-
-    def point_rate(self, normal: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        """Rate of ``point`` (..., 3) for a rate of the normal (..., 3).
-
-        Args:
-            normal: outward unit normal, in the axes of the body.
-            rate: rate of the normal [1/s], across it.
-        """
-        return self.radius * rate
-
-    def regularity(self, normal: np.ndarray) -> np.ndarray:
-        """One: every normal has one point."""
-        return np.ones(normal.shape[:-1])
+    @property
+    def support(self) -> tuple[np.ndarray, float, float]:
+        """S = I, scaled by the radius."""
+        return np.ones(3), self.radius, 0.0
 
 
 @dataclass(frozen=True)
-class Ellipsoid:
+class Ellipsoid(_SupportedShape):
     """Ellipsoid with its axes along the axes of the body, e.g. of a rattleback.
 
     Args:
@@ -106,30 +129,14 @@ class Ellipsoid:
         for each in self.semi_axes:
             check_positive("semi-axis of an ellipsoid", each)
 
-    def point(self, normal: np.ndarray) -> np.ndarray:
-        """Surface point (..., 3) [m] with the outward unit normal (..., 3).
-
-        Args:
-            normal: outward unit normal, in the axes of the body.
-        """
-        return support_point(normal, np.square(self.semi_axes))
-
-    def point_rate(self, normal: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        """Rate of ``point`` (..., 3) for a rate of the normal (..., 3).
-
-        Args:
-            normal: outward unit normal, in the axes of the body.
-            rate: rate of the normal [1/s], across it.
-        """
-        return _support_rate(normal, rate, np.square(self.semi_axes))
-
-    def regularity(self, normal: np.ndarray) -> np.ndarray:
-        """One: every normal has one point."""
-        return np.ones(normal.shape[:-1])
+    @property
+    def support(self) -> tuple[np.ndarray, float, float]:
+        """Squares of the semi-axes."""
+        return np.square(np.asarray(self.semi_axes, dtype=float)), 1.0, 0.0
 
 
 @dataclass(frozen=True)
-class Torus:
+class Torus(_SupportedShape):
     """Outer half of a torus: a wheel with a round tyre, or with ``tube=0`` the rim of a disk, cylinder, cone or cup.
 
     Args:
@@ -153,26 +160,9 @@ class Torus:
         axis_index(self.axis)
 
     @property
-    def _across(self) -> np.ndarray:
-        """Ones for the axes across the axis of the torus, (3,)."""
-        return 1.0 - _EYE[axis_index(self.axis)]
-
-    def point(self, normal: np.ndarray) -> np.ndarray:
-        """Surface point (..., 3) [m] with the outward unit normal (..., 3).
-
-        Args:
-            normal: outward unit normal, in the axes of the body.
-        """
-        return support_point(normal, self._across, self.radius, self.tube)
-
-    def point_rate(self, normal: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        """Rate of ``point`` (..., 3) for a rate of the normal (..., 3).
-
-        Args:
-            normal: outward unit normal, in the axes of the body.
-            rate: rate of the normal [1/s], across it.
-        """
-        return _support_rate(normal, rate, self._across, self.radius, self.tube)
+    def support(self) -> tuple[np.ndarray, float, float]:
+        """Ones for the axes across the axis of the torus, its radius, and that of its tube."""
+        return 1.0 - _EYE[axis_index(self.axis)], self.radius, self.tube
 
     def regularity(self, normal: np.ndarray) -> np.ndarray:
         """Part of the normal across the axis; zero where the torus lies flat.
@@ -180,7 +170,7 @@ class Torus:
         Args:
             normal: outward unit normal, in the axes of the body.
         """
-        return np.linalg.norm(self._across * normal, axis=-1)
+        return np.linalg.norm(self.support[0] * normal, axis=-1)
 
 
 def support_point(normal: np.ndarray, S: np.ndarray, scale: float = 1.0, tube: float = 0.0) -> np.ndarray:
@@ -195,15 +185,6 @@ def support_point(normal: np.ndarray, S: np.ndarray, scale: float = 1.0, tube: f
     return np.asarray(scale * (S * normal) / _dot(S * normal, normal) ** 0.5 + tube * normal)
 
 
-def _support_rate(
-    normal: np.ndarray, rate: np.ndarray, S: np.ndarray, scale: float = 1.0, tube: float = 0.0
-) -> np.ndarray:
-    """Rate of ``support_point`` (..., 3) for a rate of the normal (..., 3)."""
-    length = _dot(S * normal, normal) ** 0.5
-    unit = S * normal / length
-    return np.asarray(scale * (S * rate - unit * _dot(unit, rate)) / length + tube * rate)
-
-
 def support_numbers(shape: BodyShape) -> list[float] | None:
     """Numbers (5,) of ``support_point`` for the compiled kernel; None for a shape of the user.
 
@@ -211,13 +192,10 @@ def support_numbers(shape: BodyShape) -> list[float] | None:
         shape: surface of a body.
     """
     # The exact type: a subclass may have methods of its own.
-    if type(shape) is Sphere:
-        return [float(shape.radius) ** 2] * 3 + [1.0, 0.0]
-    if type(shape) is Ellipsoid:
-        return [*np.square(np.asarray(shape.semi_axes, dtype=float)).tolist(), 1.0, 0.0]
-    if type(shape) is Torus:
-        return [*shape._across.tolist(), float(shape.radius), float(shape.tube)]
-    return None
+    if not isinstance(shape, _SupportedShape) or type(shape) not in (Sphere, Ellipsoid, Torus):
+        return None
+    S, scale, tube = shape.support
+    return [*S.tolist(), float(scale), float(tube)]
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -309,8 +287,50 @@ class CurvedGround(Protocol):
         """
 
 
+class _QuadricGround(ABC):
+    """Surface of points at a distance ``radius`` from a center or an axis, whose material turns and slides in it."""
+
+    radius: float
+    inside: bool
+
+    @abstractmethod
+    def _place(self) -> tuple[np.ndarray, np.ndarray]:
+        """Center, or a point of the axis (3,) [m], and projection (3, 3) on the directions in which distance counts."""
+
+    def _form(self) -> np.ndarray:
+        """Second derivatives (3, 3) of ``level``."""
+        # Over the radius, the gradient has the length one on the surface, and the level is a distance [m] near it.
+        return (-1.0 if self.inside else 1.0) / self.radius * self._place()[1]
+
+    def level(self, point: np.ndarray) -> np.ndarray:
+        """Half the difference of squared distance and squared radius, over the radius, at each point (..., 3).
+
+        Args:
+            point: places, in world axes [m].
+        """
+        away = point - self._place()[0]
+        rim = (-0.5 if self.inside else 0.5) * self.radius
+        return np.asarray(0.5 * (away * (away @ self._form())).sum(axis=-1) - rim)
+
+    def gradient(self, point: np.ndarray) -> np.ndarray:
+        """Gradient (..., 3) of ``level`` at each point (..., 3).
+
+        Args:
+            point: places, in world axes [m].
+        """
+        return np.asarray((point - self._place()[0]) @ self._form())
+
+    def hessian(self, point: np.ndarray) -> np.ndarray:
+        """Second derivatives (..., 3, 3) of ``level`` at each point (..., 3).
+
+        Args:
+            point: places, in world axes [m].
+        """
+        return np.broadcast_to(self._form(), (*point.shape[:-1], 3, 3))
+
+
 @dataclass(frozen=True)
-class SphericalGround:
+class SphericalGround(_QuadricGround):
     """Sphere: a bowl whose inside, or a ball whose outside, is the ground. Its material may turn about the centre.
 
     Args:
@@ -353,35 +373,8 @@ class SphericalGround:
         """Direction of the first rolling row: the world's x."""
         return _EYE[0]
 
-    @property
-    def _scale(self) -> float:
-        return (-1.0 if self.inside else 1.0) / self.radius
-
-    def level(self, point: np.ndarray) -> np.ndarray:
-        """Half the difference of squared distance and squared radius, over the radius, at each point (..., 3).
-
-        Args:
-            point: places, in world axes [m].
-        """
-        away = point - np.asarray(self.center)
-        # Over the radius, the gradient has the length one on the surface, and the level is a distance [m] near it.
-        return np.asarray(0.5 * self._scale * ((away * away).sum(axis=-1) - self.radius**2))
-
-    def gradient(self, point: np.ndarray) -> np.ndarray:
-        """Gradient (..., 3) of ``level`` at each point (..., 3).
-
-        Args:
-            point: places, in world axes [m].
-        """
-        return np.asarray(self._scale * (point - np.asarray(self.center)))
-
-    def hessian(self, point: np.ndarray) -> np.ndarray:
-        """Second derivatives (..., 3, 3) of ``level`` at each point (..., 3).
-
-        Args:
-            point: places, in world axes [m].
-        """
-        return np.broadcast_to(self._scale * _EYE, (*point.shape[:-1], 3, 3))
+    def _place(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.asarray(self.center), _EYE
 
     def below(self, place: np.ndarray) -> np.ndarray:
         """Nearest points (..., 3) to each place (..., 3); the lowest for the centre.
@@ -407,7 +400,7 @@ class SphericalGround:
             size: half width of the cap along the surface [m].
         """
         middle = _unit_vectors(np.asarray(center, dtype=float) - np.asarray(self.center), -_EYE[2])
-        first, second = _across(middle)
+        first, second = _perpendicular(middle)
         largest_half_angle = 1.4  # [rad] of a drawn cap: less than a half ball
         tilt = np.linspace(0.0, min(size / self.radius, largest_half_angle), _EDGES)[:, None, None]
         around = np.linspace(0.0, 2 * np.pi, _EDGES + 1)[:, None]
@@ -416,7 +409,7 @@ class SphericalGround:
 
 
 @dataclass(frozen=True)
-class CylindricalGround:
+class CylindricalGround(_QuadricGround):
     """Circular cylinder whose inside or outside is the ground: a pipe, a tube on end. Its material may turn and slide.
 
     Args:
@@ -467,36 +460,8 @@ class CylindricalGround:
         """Angular velocity of the material in world axes (3,) [rad/s]."""
         return self.spin * self.along
 
-    @property
-    def _form(self) -> np.ndarray:
-        """Second derivatives (3, 3) of ``level``."""
-        return (-1.0 if self.inside else 1.0) / self.radius * (_EYE - np.outer(self.along, self.along))
-
-    def level(self, point: np.ndarray) -> np.ndarray:
-        """Half the difference of squared distance and squared radius, over the radius, at each point (..., 3).
-
-        Args:
-            point: places, in world axes [m].
-        """
-        away = point - np.asarray(self.point)
-        rim = (-0.5 if self.inside else 0.5) * self.radius
-        return np.asarray(0.5 * (away * (away @ self._form)).sum(axis=-1) - rim)
-
-    def gradient(self, point: np.ndarray) -> np.ndarray:
-        """Gradient (..., 3) of ``level`` at each point (..., 3).
-
-        Args:
-            point: places, in world axes [m].
-        """
-        return np.asarray((point - np.asarray(self.point)) @ self._form)
-
-    def hessian(self, point: np.ndarray) -> np.ndarray:
-        """Second derivatives (..., 3, 3) of ``level`` at each point (..., 3).
-
-        Args:
-            point: places, in world axes [m].
-        """
-        return np.broadcast_to(self._form, (*point.shape[:-1], 3, 3))
+    def _place(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.asarray(self.point), _EYE - np.outer(self.along, self.along)
 
     def below(self, place: np.ndarray) -> np.ndarray:
         """Nearest points (..., 3) to each place (..., 3); for a place on the axis a low one.
@@ -525,7 +490,7 @@ class CylindricalGround:
             center: point beside the middle of the tube (3,) [m].
             size: half length of the tube [m].
         """
-        along, (first, second) = self.along, _across(self.along)
+        along, (first, second) = self.along, _perpendicular(self.along)
         middle = np.asarray(self.point) + along * (along @ (np.asarray(center) - np.asarray(self.point)))
         around = np.linspace(0.0, 2 * np.pi, 2 * _EDGES + 1)[:, None]
         ring = self.radius * (np.cos(around) * first + np.sin(around) * second)
@@ -558,7 +523,7 @@ def _unit_vectors(vector: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
     return np.where(length > 0, vector / np.where(length > 0, length, 1.0), otherwise)
 
 
-def _across(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _perpendicular(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Two unit vectors (3,) across a third."""
     # The world axis that is farthest from the given one: the product is never short.
     first = np.cross(axis, _EYE[int(np.argmin(np.abs(axis)))])
