@@ -47,6 +47,7 @@ import sys
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -59,10 +60,9 @@ from rich.progress import track
 from rich.table import Table
 
 import rnc_pin as rnc
-from benchmarks.peers.hand_derivatives import SYSTEMS as BY_HAND
-from benchmarks.peers.hand_derivatives import DerivativeCost, derivative_cost
+from benchmarks.peers.hand_derivatives import BY_HAND, DerivativeCost, derivative_cost
 from benchmarks.states import States, regular_states
-from benchmarks.timing import Measurement, in_turn, used_by, used_by_command
+from benchmarks.timing import Measurement, in_turn, one_by_one, used_by, used_by_command
 from rnc_pin.applications.scenario.builder import Experiment
 from rnc_pin.applications.scenario.files import built_in_names
 from rnc_pin.applications.scenario.scenario import Scenario
@@ -73,7 +73,7 @@ ONE_STATE, OF_BATCH, TERMS = 2.5, 1.6, 4.0  # limits: ratios to bare calls
 TICK, COMMAND = 0.1, 0.3  # limits: share of the period; [s]
 DERIVATIVES, OF_BLOCK, TO_HAND = 100.0, 50.0, 1.5  # limits: [us] for one state and in a block; ratio to those by hand
 TIGHTER = {"space-robot": 0.05}  # TICK of single systems
-_COSTS = ("one_state", "of_batch", "terms", "derivatives", "of_block", "tick")  # of SystemCosts
+_COSTS = ("one_state", "of_batch", "terms", "derivatives", "of_block", "tick")  # in this order
 COMMANDS = {
     "import rnc_pin": (sys.executable, "-c", "import rnc_pin"),
     "rnc-pin --help": (sys.executable, "-m", "rnc_pin", "--help"),
@@ -88,25 +88,19 @@ class Cost:
         us: [us].
         ratio: to the bare calls or to the sampling period.
         limit: of the ratio.
+        within: True if the ratio is within its limit.
     """
 
     us: float
     ratio: float
     limit: float
+    within: bool
 
     @classmethod
     def of(cls, seconds: float, measure: float, limit: float) -> Cost:
         """A time beside another one, both in seconds."""
-        return cls(float(seconds * 1e6), float(seconds / measure), limit)
-
-    @property
-    def within(self) -> bool:
-        """True if the ratio is within its limit."""
-        return self.ratio <= self.limit
-
-    def record(self) -> dict[str, Any]:
-        """For JSON."""
-        return {**asdict(self), "within": self.within}
+        ratio = float(seconds / measure)
+        return cls(float(seconds * 1e6), ratio, limit, ratio <= limit)
 
 
 @dataclass(frozen=True)
@@ -117,10 +111,8 @@ class SystemCosts:
         system: name of the scenario.
         nv, r: degrees of freedom, and of the reduced system.
         bare_us: the bare calls at a state [us].
-        one_state, of_batch: ``forward_dynamics`` of a state, by itself and in a batch.
-        terms: all matrices of a state.
-        derivatives, of_block: ``state_derivatives`` of a state, by itself and in a block.
-        tick: a sampling period of a run.
+        costs: of a state in ``forward_dynamics``, by itself and in a batch; of all matrices of a state; of a state in
+            ``state_derivatives``, by itself and in a block; and of a sampling period of a run.
         threads: processor time of all threads over that of the one that simulates.
     """
 
@@ -128,42 +120,18 @@ class SystemCosts:
     nv: int
     r: int
     bare_us: float
-    one_state: Cost
-    of_batch: Cost
-    terms: Cost
-    derivatives: Cost
-    of_block: Cost
-    tick: Cost
+    costs: dict[str, Cost]
     threads: float
 
     @property
     def within(self) -> bool:
         """True if all figures are within their limits."""
-        return all(getattr(self, name).within for name in _COSTS)
+        return all(each.within for each in self.costs.values())
 
     def record(self) -> dict[str, Any]:
         """For JSON."""
-        costs = {name: getattr(self, name).record() for name in _COSTS}
-        plain = {name: getattr(self, name) for name in ("system", "nv", "r", "bare_us")}
-        return {**plain, **costs, "threads": self.threads, "within": self.within}
-
-
-@dataclass(frozen=True)
-class CommandCost:
-    """Processor time of a command [s]."""
-
-    command: str
-    seconds: float
-    limit: float = COMMAND
-
-    @property
-    def within(self) -> bool:
-        """True if the cost is within its limit."""
-        return self.seconds <= self.limit
-
-    def record(self) -> dict[str, Any]:
-        """For JSON."""
-        return {**asdict(self), "within": self.within}
+        plain = asdict(self)
+        return plain | plain.pop("costs") | {"within": self.within}
 
 
 # ---------------------------------------------------------------------- measuring
@@ -175,90 +143,38 @@ def system_costs(name: str, rounds: int = ROUNDS) -> SystemCosts:
     dt = experiment.simulation.dt
     reduced = experiment.reduced.frozen(0.0) if experiment.reduced.rheonomic else experiment.reduced
     states = regular_states(reduced, experiment.q0, BATCH)
+    q, v2, T = states.q, states.v2, states.T
+    block = [values[:BLOCK] for values in (q, v2, T)]
+    derivatives = partial(rnc.state_derivatives, reduced)
     measurements = (
         bare_calls(reduced, states),
-        one_state(reduced, states),
-        of_batch(reduced, states),
-        terms(reduced, states),
-        derivatives(reduced, states),
-        of_block(reduced, states),
+        one_by_one(reduced.forward_dynamics, q, v2, T),
+        used_by(lambda: reduced.forward_dynamics(q, v2, T), BATCH),
+        one_by_one(reduced.terms, q, v2),
+        one_by_one(derivatives, *block),
+        used_by(lambda: derivatives(*block), BLOCK),
         tick(experiment),
     )
-    (bare,), (single,), (batched,), (whole,), (derived,), (blocked,), (ticking, threads) = in_turn(measurements, rounds)
+    (bare,), *measured, (ticking, threads) = in_turn(measurements, rounds)
     bare_us = float(bare * 1e6)
-    return SystemCosts(
-        system=name,
-        nv=reduced.n,
-        r=reduced.r,
-        bare_us=bare_us,
-        one_state=Cost.of(single, bare, ONE_STATE),
-        of_batch=Cost.of(batched, bare, OF_BATCH),
-        terms=Cost.of(whole, bare, TERMS),
-        derivatives=Cost.of(derived, bare, DERIVATIVES / bare_us),
-        of_block=Cost.of(blocked, bare, OF_BLOCK / bare_us),
-        tick=Cost.of(ticking, dt, TIGHTER.get(name, TICK)),
-        threads=float(threads),
-    )
+    limits = ONE_STATE, OF_BATCH, TERMS, DERIVATIVES / bare_us, OF_BLOCK / bare_us
+    costs = [Cost.of(float(each[0]), bare, limit) for each, limit in zip(measured, limits, strict=True)]
+    costs.append(Cost.of(ticking, dt, TIGHTER.get(name, TICK)))
+    return SystemCosts(name, reduced.n, reduced.r, bare_us, dict(zip(_COSTS, costs, strict=True)), float(threads))
 
 
 def bare_calls(reduced: rnc.ReducedModel, states: States) -> Measurement:
     """Positions, velocities, accelerations and forces of a state as Pinocchio gives them, and nothing else."""
     model, zero = reduced.robot.model, np.zeros(reduced.robot.nv)
     data = model.createData()
-    pairs = list(zip(states.q, states.v, strict=True))
 
-    def calls() -> None:
-        for q, v in pairs:
-            pin.computeJointJacobians(model, data, q)
-            pin.crba(model, data, q)
-            pin.forwardKinematics(model, data, q, v, zero)
-            pin.nonLinearEffects(model, data, q, v)
+    def calls(q: np.ndarray, v: np.ndarray) -> None:
+        pin.computeJointJacobians(model, data, q)
+        pin.crba(model, data, q)
+        pin.forwardKinematics(model, data, q, v, zero)
+        pin.nonLinearEffects(model, data, q, v)
 
-    return used_by(calls, len(pairs))
-
-
-def one_state(reduced: rnc.ReducedModel, states: States) -> Measurement:
-    """``forward_dynamics`` of one state after the other; each differs from the last, so that nothing can be kept."""
-    each = list(zip(states.q, states.v2, states.T, strict=True))
-
-    def calls() -> None:
-        for q, v2, T in each:
-            reduced.forward_dynamics(q, v2, T)
-
-    return used_by(calls, len(each))
-
-
-def of_batch(reduced: rnc.ReducedModel, states: States) -> Measurement:
-    """A state's part in one ``forward_dynamics`` of all of them."""
-    return used_by(lambda: reduced.forward_dynamics(states.q, states.v2, states.T), len(states.q))
-
-
-def terms(reduced: rnc.ReducedModel, states: States) -> Measurement:
-    """All matrices of one state after the other, rates of R and A_star included."""
-    each = list(zip(states.q, states.v2, strict=True))
-
-    def calls() -> None:
-        for q, v2 in each:
-            reduced.terms(q, v2)
-
-    return used_by(calls, len(each))
-
-
-def derivatives(reduced: rnc.ReducedModel, states: States) -> Measurement:
-    """``state_derivatives`` of one state after the other."""
-    each = list(zip(*(values[:BLOCK] for values in (states.q, states.v2, states.T)), strict=True))
-
-    def calls() -> None:
-        for q, v2, T in each:
-            rnc.state_derivatives(reduced, q, v2, T)
-
-    return used_by(calls, len(each))
-
-
-def of_block(reduced: rnc.ReducedModel, states: States) -> Measurement:
-    """A state's part in one ``state_derivatives`` of a block of states."""
-    q, v2, T = (values[:BLOCK] for values in (states.q, states.v2, states.T))
-    return used_by(lambda: rnc.state_derivatives(reduced, q, v2, T), len(q))
+    return one_by_one(calls, states.q, states.v)
 
 
 def tick(experiment: Experiment, ticks: int = TICKS) -> Measurement:
@@ -284,9 +200,19 @@ def tick(experiment: Experiment, ticks: int = TICKS) -> Measurement:
     return measure
 
 
-def command_costs(launches: int = LAUNCHES) -> list[CommandCost]:
-    """Processor time of everything in ``COMMANDS``."""
-    return [CommandCost(name, used_by_command(command, launches)) for name, command in COMMANDS.items()]
+def command_costs(launches: int = LAUNCHES) -> list[dict[str, Any]]:
+    """Processor time of everything in ``COMMANDS`` [s], beside its limit."""
+    taken = {name: used_by_command(command, launches) for name, command in COMMANDS.items()}
+    return [
+        {"command": name, "seconds": used, "limit": COMMAND, "within": used <= COMMAND} for name, used in taken.items()
+    ]
+
+
+def derivative_record(cost: DerivativeCost) -> dict[str, Any]:
+    """Figures of derivatives beside those by hand."""
+    times = {"us": cost.ours_us, "block_us": cost.block_us, "hand_us": cost.hand_us}
+    judged = {"ratio": cost.ratio, "difference": cost.difference, "limit": TO_HAND, "within": cost.ratio <= TO_HAND}
+    return {"system": cost.system, **times, **judged}
 
 
 def machine() -> dict[str, Any]:
@@ -324,25 +250,14 @@ def table(systems: Iterable[SystemCosts]) -> Table:
     for heading in ("nv", "r", "bare [us]", *costs, "tick [us]", "/ dt", "threads"):
         shown.add_column(escape(heading), justify="right", no_wrap=True)
     for each in systems:
-        shown.add_row(
-            marked(each.system, each.within),
-            str(each.nv),
-            str(each.r),
-            f"{each.bare_us:.2f}",
-            *cells(each.one_state),
-            *cells(each.of_batch),
-            *cells(each.terms),
-            *cells(each.derivatives),
-            *cells(each.of_block),
-            *cells(each.tick, digits=3),
-            f"{each.threads:.2f}",
-        )
+        cells = [
+            cell
+            for kind, cost in each.costs.items()
+            for cell in (f"{cost.us:.1f}", marked(f"{cost.ratio:.{3 if kind == 'tick' else 1}f}", cost.within))
+        ]
+        plain = marked(each.system, each.within), str(each.nv), str(each.r), f"{each.bare_us:.2f}"
+        shown.add_row(*plain, *cells, f"{each.threads:.2f}")
     return shown
-
-
-def cells(cost: Cost, digits: int = 1) -> tuple[str, str]:
-    """Time and ratio."""
-    return f"{cost.us:.1f}", marked(f"{cost.ratio:.{digits}f}", cost.within)
 
 
 def marked(text: str, within: bool) -> str:
@@ -350,12 +265,7 @@ def marked(text: str, within: bool) -> str:
     return text if within else f"[bold red]{text}[/]"
 
 
-def show(
-    systems: Sequence[SystemCosts],
-    by_hand: Sequence[DerivativeCost],
-    commands: Sequence[CommandCost],
-    where: dict[str, Any],
-) -> None:
+def show(systems: Sequence[SystemCosts], found: dict[str, Any]) -> None:
     """The table, its limits, derivatives beside those by hand, the commands and the machine."""
     console = Console(highlight=False, soft_wrap=True)
     console.width = max(console.width, WIDTH)
@@ -365,42 +275,17 @@ def show(
     times = f"derivatives {DERIVATIVES:g} us, of {BLOCK} {OF_BLOCK:g} us"
     console.print(f"limits: {ratios}, {times}, tick {TICK:g} dt{tighter}")
     for each in systems:
-        for kind in _COSTS:
-            cost = getattr(each, kind)
+        for kind, cost in each.costs.items():
             if not cost.within:
                 console.print(f"beyond its limit: {kind} of {each.system}, {cost.ratio:.2f}, limit {cost.limit:g}")
-    for found in by_hand:
-        ratio = marked(f"{found.ratio:.2f}", found.ratio <= TO_HAND)
-        figures = f"{found.ours_us:.1f} us, of {BLOCK} {found.block_us:.1f} us, by hand {found.hand_us:.1f} us"
-        console.print(f"state_derivatives of {found.system}: {figures}, ratio {ratio}, limit {TO_HAND:g}")
-    for command in commands:
-        figure = marked(f"{command.seconds:.2f} s", command.within)
-        console.print(f"{command.command}: {figure} of processor time, limit {command.limit:g} s")
-    console.print(", ".join(f"{name} {value}" for name, value in where.items()))
-
-
-def report(
-    systems: Sequence[SystemCosts],
-    by_hand: Sequence[DerivativeCost],
-    commands: Sequence[CommandCost],
-    where: dict[str, Any],
-    rounds: int,
-) -> dict[str, Any]:
-    """Results for JSON."""
-    return {
-        "rounds": rounds,
-        "systems": [each.record() for each in systems],
-        "derivatives_by_hand": [derivative_record(each) for each in by_hand],
-        "commands": [each.record() for each in commands],
-        "machine": where,
-    }
-
-
-def derivative_record(cost: DerivativeCost) -> dict[str, Any]:
-    """For JSON."""
-    times = {"us": cost.ours_us, "block_us": cost.block_us, "hand_us": cost.hand_us}
-    judged = {"ratio": cost.ratio, "difference": cost.difference, "limit": TO_HAND, "within": cost.ratio <= TO_HAND}
-    return {"system": cost.system, **times, **judged}
+    for each in found["derivatives_by_hand"]:
+        figures = f"{each['us']:.1f} us, of {BLOCK} {each['block_us']:.1f} us, by hand {each['hand_us']:.1f} us"
+        ratio = marked(f"{each['ratio']:.2f}", each["within"])
+        console.print(f"state_derivatives of {each['system']}: {figures}, ratio {ratio}, limit {TO_HAND:g}")
+    for each in found["commands"]:
+        figure = marked(f"{each['seconds']:.2f} s", each["within"])
+        console.print(f"{each['command']}: {figure} of processor time, limit {each['limit']:g} s")
+    console.print(", ".join(f"{name} {value}" for name, value in found["machine"].items()))
 
 
 def arguments(given: Sequence[str] | None) -> argparse.Namespace:
@@ -423,15 +308,20 @@ def main(given: Sequence[str] | None = None) -> None:
     # No thread of the display's own while time is taken: it draws when a system is done.
     names = track(options.systems, "", auto_refresh=False, console=progress, disable=not progress.is_terminal)
     systems = [system_costs(name, options.rounds) for name in names]
-    compared = [derivative_cost(name, options.rounds) for name in BY_HAND]
-    commands, where = command_costs(min(LAUNCHES, options.rounds)), machine()
+    found = {
+        "rounds": options.rounds,
+        "systems": [each.record() for each in systems],
+        "derivatives_by_hand": [derivative_record(derivative_cost(name, options.rounds)) for name in BY_HAND],
+        "commands": command_costs(min(LAUNCHES, options.rounds)),
+        "machine": machine(),
+    }
     if options.json is not None:
-        text = json.dumps(report(systems, compared, commands, where, options.rounds), indent=1) + "\n"
+        text = json.dumps(found, indent=1) + "\n"
         if options.json == "-":
             sys.stdout.write(text)
             return
         Path(options.json).write_text(text)
-    show(systems, compared, commands, where)
+    show(systems, found)
 
 
 if __name__ == "__main__":

@@ -44,6 +44,22 @@ def used_by(function: Callable[[], object], states: int) -> Measurement:
     return measure
 
 
+def one_by_one(function: Callable[..., object], *columns: np.ndarray) -> Measurement:
+    """The measurement of a function at one state after the other; each differs from the last: nothing can be kept.
+
+    Args:
+        function: takes a row of each column.
+        columns: arrays with a row for each state, such as q and v2.
+    """
+    states = list(zip(*columns, strict=True))
+
+    def calls() -> None:
+        for state in states:
+            function(*state)
+
+    return used_by(calls, len(states))
+
+
 def used_by_command(command: Sequence[str], launches: int) -> float:
     """Median processor time of a command, in user and system mode, its threads and children among it [s].
 

@@ -29,7 +29,7 @@ from benchmarks.peers.motion import Motion
 from benchmarks.peers.peer import Peer
 from benchmarks.reduction import machine
 from benchmarks.states import States, regular_states
-from benchmarks.timing import Measurement, in_turn, used_by
+from benchmarks.timing import in_turn, one_by_one, used_by
 
 ROUNDS, BATCH, MOTIONS = 15, 256, 5
 LIBRARIES = {
@@ -55,28 +55,6 @@ def available(console: Console) -> list[Any]:
     return found
 
 
-def ours(case: Case, states: States) -> Measurement:
-    """``forward_dynamics`` of one state after the other."""
-    each = list(zip(states.q, states.v2, states.T, strict=True))
-
-    def run() -> None:
-        for state in each:
-            case.reduced.forward_dynamics(*state)
-
-    return used_by(run, len(each))
-
-
-def by_hand(case: Case, states: States) -> Measurement:
-    """The solution by hand for one state after the other."""
-    each = list(zip(states.q, states.v2, states.T, strict=True))
-
-    def run() -> None:
-        for state in each:
-            case.by_hand(*state)
-
-    return used_by(run, len(each))
-
-
 def hand_difference(case: Case, states: States) -> float:
     """Largest difference of a reduced acceleration by hand, relative to the largest acceleration."""
     found = np.array([case.by_hand(*state)[0] for state in zip(states.q, states.v2, states.T, strict=True)])
@@ -88,8 +66,9 @@ def evaluations(case: Case, modules: Sequence[Any], rounds: int) -> Iterator[dic
     """Costs of one evaluation: ours, by hand, and by each peer."""
     states = regular_states(case.reduced, case.q0, BATCH)
     peers: list[Peer] = [peer for module in modules for peer in module.peers(case, states)]
-    batch = used_by(lambda: case.reduced.forward_dynamics(states.q, states.v2, states.T), BATCH)
-    measured = [ours(case, states), batch, by_hand(case, states), *(used_by(peer.run, BATCH) for peer in peers)]
+    given, ours = (states.q, states.v2, states.T), case.reduced.forward_dynamics
+    measured = [one_by_one(ours, *given), used_by(lambda: ours(*given), BATCH), one_by_one(case.by_hand, *given)]
+    measured += [used_by(peer.run, BATCH) for peer in peers]
     one, of_batch, hand, *times = (float(figure[0]) for figure in in_turn(measured, rounds))
     found = {"ours_us": one * 1e6, "batch_us": of_batch * 1e6}
     differences = [hand_difference(case, states), *(peer.difference(case, states) for peer in peers)]

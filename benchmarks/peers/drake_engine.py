@@ -39,19 +39,15 @@ def peers(case: Case, states: States) -> list[Peer]:
             effort[first : first + 6] = *(rotation @ force[3:6]), *(rotation @ force[:3])
         each.append((x, effort))
 
-    def forward(state: tuple[np.ndarray, np.ndarray]) -> None:
-        plant.SetPositionsAndVelocities(context, state[0])
-        applied.SetFromVector(state[1])
+    def forward(x: np.ndarray, effort: np.ndarray) -> None:
+        plant.SetPositionsAndVelocities(context, x)
+        applied.SetFromVector(effort)
         plant.CalcTimeDerivatives(context, derivatives)
-
-    def run() -> None:
-        for state in each:
-            forward(state)
 
     def v_dot() -> np.ndarray:
         found = np.zeros((len(each), model.nv))
         for state, q, v, out in zip(each, states.q, states.v, found, strict=True):
-            forward(state)
+            forward(*state)
             rates = derivatives.CopyToVector()[count:]
             for _, own_v, _, their_v in hinges:
                 out[own_v] = rates[their_v]
@@ -61,7 +57,7 @@ def peers(case: Case, states: States) -> list[Peer]:
                 out[:3] = rotation.T @ rates[first + 3 : first + 6] - np.cross(v[3:6], v[:3])
         return found
 
-    return [Peer("Drake CalcTimeDerivatives", run, v_dot)]
+    return [Peer("Drake CalcTimeDerivatives", forward, each, v_dot)]
 
 
 def drake_plant(model: pin.Model) -> tuple[MultibodyPlant, RigidBody | None]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -11,10 +12,9 @@ from scipy.linalg.lapack import dgesv
 import rnc_pin as rnc
 from benchmarks.peers.cases import CASES, Case
 from benchmarks.states import regular_states
-from benchmarks.timing import in_turn, used_by
+from benchmarks.timing import in_turn, one_by_one, used_by
 
 WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-SYSTEMS = "space-robot", "free-panda"
 STATES = 64
 BLOCKS = "v_q", "v_v2", "v2_dot_q", "v2_dot_v2", "v2_dot_T"
 
@@ -38,13 +38,9 @@ class FreeArmDerivatives:
         self._base, self._hand, self._axes = base, model.getFrameId(hand), axes
         frame = model.frames[self._hand]
         self._joint, self._placement = frame.parentJoint, frame.placement
-        self._E, self._force, self._speeds = np.zeros((n, n), order="F"), np.zeros(n), np.zeros(n)
-        self._right, self._Ev_q, self._drift_q, self._drift_v = (
-            np.zeros((n, 1 + n - base)),
-            np.zeros((n, n)),
-            np.zeros((n - base, n)),
-            np.zeros((n - base, n)),
-        )
+        self._E, self._force = np.zeros((n, n), order="F"), np.zeros(n)
+        self._right, self._Ev_q = np.zeros((n, 1 + n - base)), np.zeros((n, n))
+        self._drift_q, self._drift_v = np.zeros((2, n - base, n))
         self._right[base:, 1:] = np.eye(n - base)
         for row, entry in enumerate(joints):
             self._E[base + axes + row, entry] = 1.0
@@ -74,17 +70,10 @@ class FreeArmDerivatives:
         return dv, R, along_q, along_v.dot(R), J.dot(inverse[:, base:])
 
 
-def space_robot(case: Case) -> FreeArmDerivatives:
-    """Hand in the plane and the first joint."""
-    return FreeArmDerivatives(case.model, base=1, hand="tip", axes=2, joints=[1])
-
-
-def free_panda(case: Case) -> FreeArmDerivatives:
-    """Hand in space and four joints."""
-    return FreeArmDerivatives(case.model, base=6, hand="panda_hand", axes=3, joints=[6, 8, 10, 12])
-
-
-BY_HAND = {"space-robot": space_robot, "free-panda": free_panda}
+BY_HAND = {  # base, hand, its axes and joints: the hand in the plane and the first joint; in space and four joints
+    "space-robot": (1, "tip", 2, [1]),
+    "free-panda": (6, "panda_hand", 3, [6, 8, 10, 12]),
+}
 
 
 class DerivativeCost(NamedTuple):
@@ -111,23 +100,11 @@ class DerivativeCost(NamedTuple):
 def derivative_cost(name: str, rounds: int) -> DerivativeCost:
     """Cost of the derivatives of a case; the states are regular and random."""
     case = CASES[name]()
-    states, by_hand = regular_states(case.reduced, case.q0, STATES), BY_HAND[name](case)
-    each = list(zip(states.q, states.v2, states.T, strict=True))
-
-    def ours() -> None:
-        for state in each:
-            rnc.state_derivatives(case.reduced, *state)
-
-    def theirs() -> None:
-        for state in each:
-            by_hand(*state)
-
-    def block() -> None:
-        rnc.state_derivatives(case.reduced, states.q, states.v2, states.T)
-
-    measured = in_turn([used_by(each, STATES) for each in (ours, block, theirs)], rounds)
-    ours_us, block_us, hand_us = (float(figure[0]) * 1e6 for figure in measured)
-    return DerivativeCost(name, ours_us, block_us, hand_us, difference(case, by_hand, each[0]))
+    states, by_hand = regular_states(case.reduced, case.q0, STATES), FreeArmDerivatives(case.model, *BY_HAND[name])
+    given, ours = (states.q, states.v2, states.T), partial(rnc.state_derivatives, case.reduced)
+    measured = one_by_one(ours, *given), used_by(lambda: ours(*given), STATES), one_by_one(by_hand, *given)
+    ours_us, block_us, hand_us = (float(figure[0]) * 1e6 for figure in in_turn(measured, rounds))
+    return DerivativeCost(name, ours_us, block_us, hand_us, difference(case, by_hand, tuple(x[0] for x in given)))
 
 
 def difference(case: Case, by_hand: FreeArmDerivatives, state: tuple[np.ndarray, ...]) -> float:

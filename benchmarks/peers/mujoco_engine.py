@@ -27,22 +27,18 @@ def peers(case: Case, states: States) -> list[Peer]:
         each.append((data.qpos.copy(), data.qvel.copy(), applied))
     qpos, qvel, qfrc = data.qpos, data.qvel, data.qfrc_applied
 
-    def forward(state: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
+    def forward(*state: np.ndarray) -> None:
         qpos[:], qvel[:], qfrc[:] = state
         mujoco.mj_forward(model, data)
-
-    def run() -> None:
-        for state in each:
-            forward(state)
 
     def v_dot() -> np.ndarray:
         found = []
         for state, q, v in zip(each, states.q, states.v, strict=True):
-            forward(state)
+            forward(*state)
             found.append(_in_own_axes(case.model, data.qacc.copy(), q, v))
         return np.array(found)
 
-    return [Peer("MuJoCo mj_forward", run, v_dot)]
+    return [Peer("MuJoCo mj_forward", forward, each, v_dot)]
 
 
 def _in_own_axes(model: pin.Model, acceleration: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:

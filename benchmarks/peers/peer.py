@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -17,15 +18,22 @@ class Peer:
 
     Attributes:
         name: short name.
-        run: one pass through all states, whose time counts.
+        forward: one call for a state, whose time counts.
+        states: its arguments at each state.
         v_dot: full accelerations (count, entries) at the states in the conventions of Pinocchio.
         first: first entry of v that ``v_dot`` has.
     """
 
     name: str
-    run: Callable[[], object]
+    forward: Callable[..., object]
+    states: Sequence[tuple[Any, ...]]
     v_dot: Callable[[], np.ndarray]
     first: int = 0
+
+    def run(self) -> None:
+        """One pass through all states."""
+        for state in self.states:
+            self.forward(*state)
 
     def difference(self, case: Case, states: States) -> float:
         """Largest difference of an acceleration from ours, relative to the largest acceleration."""

@@ -6,6 +6,9 @@ contacts and closed loops only, so it meets systems without other rows.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 import pinocchio as pin
 
@@ -30,14 +33,7 @@ def kkt(case: Case, states: States) -> Peer:
     drift = (terms.A_dot[:, : rows.shape[1]] @ terms.v[..., None])[..., 0]
     each = list(zip(states.q, states.v, forces(case, states), rows, drift, strict=True))
 
-    def v_dot() -> np.ndarray:
-        return np.array([pin.forwardDynamics(model, data, *state).copy() for state in each])
-
-    def run() -> None:
-        for state in each:
-            pin.forwardDynamics(model, data, *state)
-
-    return Peer("Pinocchio forwardDynamics", run, v_dot)
+    return _peer("Pinocchio forwardDynamics", partial(pin.forwardDynamics, model, data), each)
 
 
 def contacts(case: Case, states: States) -> Peer:
@@ -48,11 +44,11 @@ def contacts(case: Case, states: States) -> Peer:
     settings = pin.ProximalSettings(1e-12, 0.0, 1)
     pin.initConstraintDynamics(model, data, models, datas)
 
-    def v_dot() -> np.ndarray:
-        return np.array([pin.constraintDynamics(model, data, *state, models, datas, settings).copy() for state in each])
+    def forward(*state: np.ndarray) -> np.ndarray:
+        return pin.constraintDynamics(model, data, *state, models, datas, settings)
 
-    def run() -> None:
-        for state in each:
-            pin.constraintDynamics(model, data, *state, models, datas, settings)
+    return _peer("Pinocchio constraintDynamics", forward, each)
 
-    return Peer("Pinocchio constraintDynamics", run, v_dot)
+
+def _peer(name: str, forward: Callable[..., np.ndarray], each: list[tuple[np.ndarray, ...]]) -> Peer:
+    return Peer(name, forward, each, lambda: np.array([forward(*state).copy() for state in each]))

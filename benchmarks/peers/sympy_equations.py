@@ -33,12 +33,8 @@ def peers(case: Case, states: States) -> list[Peer]:
         H, right = equations(x.tolist(), u.tolist(), T.tolist())
         return dposv(np.array(H), np.array(right))[1]
 
-    def run() -> None:
-        for state in each:
-            acceleration(*state)
-
     first = case.model.nv - 3  # entries of v that are velocities of the reduction, in both systems
-    return [Peer("SymPy", run, lambda: np.array([acceleration(*state)[-3:] for state in each]), first)]
+    return [Peer("SymPy", acceleration, each, lambda: np.array([acceleration(*state)[-3:] for state in each]), first)]
 
 
 def reduced_equations(case: Case) -> tuple[Equations, list[int]]:

@@ -32,23 +32,9 @@ def cells(row: Row) -> tuple[str, str, str, str, str, str]:
     published, ours = np.asarray(row.published), np.asarray(row.ours)
     where = np.unravel_index(int(np.argmax(np.abs(ours - published))), published.shape)
     index = f" ({', '.join(str(k) for k in where)})" if where else ""
-    if row.scale is not None:
-        return (
-            row.source,
-            row.quantity,
-            shown(published, where),
-            f"{float(ours):.1e}",
-            f"{row.difference:.1e}",
-            f"{row.tolerance:.0e}",
-        )
-    return (
-        row.source,
-        row.quantity + index,
-        shown(published, where),
-        shown(ours, where),
-        f"{row.difference:.1e}",
-        f"{row.tolerance:.0e}",
-    )
+    found = shown(ours, where) if row.scale is None else f"{float(ours):.1e}"
+    known = row.source, row.quantity + index, shown(published, where)
+    return *known, found, f"{row.difference:.1e}", f"{row.tolerance:.0e}"
 
 
 HEADER = ("source", "quantity", "published", "rnc_pin", "difference", "tolerance")

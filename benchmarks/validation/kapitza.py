@@ -10,7 +10,7 @@ import pinocchio as pin
 import scipy
 
 import rnc_pin as rnc
-from benchmarks.validation.row import INVARIANT, MOTION, Row
+from benchmarks.validation.row import MOTION, Row, conserved
 from rnc_pin.motion.planning import ReferencePoint
 
 LENGTH, MASS, GRAVITY = 0.4, 1.3, 9.81  # m, kg, m/s^2
@@ -78,30 +78,12 @@ def rows() -> list[Row]:
     q = scipy.optimize.brentq(lambda q: scipy.special.mathieu_b(1, q), 0.5, 1.2, xtol=1e-14)
     least = 0.5
     weight = -scipy.special.mathieu_a(0, least) * LENGTH * RATE**2 / 4
+    first, other = (trace_over_a_period(a * LENGTH / 2, g) for a, g in ((q, 0.0), (least, weight)))
     edge, circle = turning_edge()
     return [
         Row("Kapitza 1951 (equation)", "pendulum on a shaken pivot: angle over 1 s [rad]", angle, run.q[:, 1], MOTION),
-        Row(
-            "conservation",
-            "the same: energy less work of the pivot, relative",
-            0.0,
-            np.ptp(run.energy - run.work) / np.ptp(run.energy),
-            INVARIANT,
-            1.0,
-        ),
-        Row(
-            "McLachlan 1947",
-            "no gravity, amplitude 0.454 l: trace over a period",
-            -2.0,
-            trace_over_a_period(q * LENGTH / 2, 0.0),
-            MOTION,
-        ),
-        Row(
-            "McLachlan 1947",
-            "amplitude l / 4, largest gravity that it bears: trace",
-            2.0,
-            trace_over_a_period(least * LENGTH / 2, weight),
-            MOTION,
-        ),
+        conserved("the same: energy less work of the pivot", np.ptp(run.energy - run.work) / np.ptp(run.energy)),
+        Row("McLachlan 1947", "no gravity, amplitude 0.454 l: trace over a period", -2.0, first, MOTION),
+        Row("McLachlan 1947", "amplitude l / 4, largest gravity that it bears: trace", 2.0, other, MOTION),
         Row("closed form", "knife edge that turns over time: circle [m]", circle, edge.q, MOTION),
     ]

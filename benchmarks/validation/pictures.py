@@ -44,14 +44,8 @@ def eigenvalues(path: Path) -> None:
         axes.plot([float(speed)] * 4, real, "o", ms=4.5, mfc="none", mec="black", mew=0.8, label=label)
         shown = imaginary > 1e-9
         axes.plot([float(speed)] * shown.sum(), imaginary[shown], "o", ms=4.5, mfc="none", mec="black", mew=0.8)
-    axes.text(
-        (weave + capsize) / 2,
-        -9.4,
-        f"stable\n{weave:.4f} to\n{capsize:.4f} m/s",
-        ha="center",
-        va="bottom",
-        fontsize=8.5,
-    )
+    stable, style = f"stable\n{weave:.4f} to\n{capsize:.4f} m/s", {"ha": "center", "va": "bottom", "fontsize": 8.5}
+    axes.text((weave + capsize) / 2, -9.4, stable, **style)
     axes.text(8.2, 0.45, "capsize", color=BLUE, fontsize=9)
     axes.text(1.2, -6.5, "caster", color=BLUE, fontsize=9)
     axes.set(xlim=(0, 10), ylim=(-10, 10), xlabel="forward speed [m/s]", ylabel="eigenvalue [1/s]")
@@ -65,14 +59,9 @@ def motion(path: Path) -> None:
     reduced = bicycle()
     figure = Figure(figsize=(6.4, 4.2))
     panels = figure.subplots(2, 1, sharex=True)
-    for axes, speed, duration, word in zip(
-        panels,
-        (4.0, 5.0),
-        (5.0, 5.0),
-        ("below the weave speed: it weaves wider and wider", "self-stable: it settles"),
-        strict=True,
-    ):
-        run = rnc.free_motion(reduced, upright(), np.array([0.2, 0.0, speed / REAR]), duration, dt=0.01)
+    words = {4.0: "below the weave speed: it weaves wider and wider", 5.0: "self-stable: it settles"}
+    for axes, (speed, word) in zip(panels, words.items(), strict=True):
+        run = rnc.free_motion(reduced, upright(), np.array([0.2, 0.0, speed / REAR]), 5.0, dt=0.01)
         axes.axhline(0, color="0.4", lw=0.8)
         axes.plot(run.time, np.degrees(run.x1[:, 0]), color=BLUE, label="lean")
         axes.plot(run.time, np.degrees(run.q[:, 9]), color=ORANGE, label="steer")

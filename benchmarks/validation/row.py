@@ -48,3 +48,8 @@ class Row:
     def holds(self) -> bool:
         """True if the difference is within the tolerance."""
         return self.difference <= self.tolerance
+
+
+def conserved(quantity: str, drift: float) -> Row:
+    """Row of a quantity that a motion keeps, such as its energy: the change, relative to the quantity itself."""
+    return Row("conservation", f"{quantity}, relative", 0.0, drift, INVARIANT, 1.0)
