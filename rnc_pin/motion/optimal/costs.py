@@ -35,21 +35,13 @@ class BoundCost:
         names: names of the rows.
         weight: their weights.
         phase: "running", "terminal" or "both".
-        rows: function of nodes that returns the rows.
-        target: values of the rows without cost (k,).
+        rows: function of nodes that returns the residuals.
     """
 
-    def __init__(
-        self,
-        names: Sequence[str],
-        weight: Weight,
-        phase: Phase,
-        rows: node_data.NodeFunction,
-        target: Array | float = 0.0,
-    ) -> None:
+    def __init__(self, names: Sequence[str], weight: Weight, phase: Phase, rows: node_data.NodeFunction) -> None:
         if phase not in ("running", "terminal", "both"):
             raise ConfigurationError(f"cost: phase '{phase}', expected 'running', 'terminal' or 'both'")
-        self.names, self._weight, self._rows, self._target = tuple(names), weight, rows, target
+        self.names, self._weight, self.rows = tuple(names), weight, rows
         self.running, self.terminal = phase != "terminal", phase != "running"
         # Constant weights are checked here, where the cost is stated; functions of time only when a node asks.
         self._roots = None if callable(weight) else np.sqrt(weights_of(weight, self.names))
@@ -60,11 +52,6 @@ class BoundCost:
             return np.broadcast_to(self._roots, (len(time), len(self._roots)))
         assert callable(self._weight)
         return np.sqrt([weights_of(self._weight(float(t)), self.names) for t in time])
-
-    def rows(self, nodes: node_data.NodeData, derivatives: bool) -> node_data.RowValues:
-        """Residuals at nodes."""
-        found = self._rows(nodes, derivatives)
-        return node_data.RowValues(found.value - self._target, found.x, found.u)
 
 
 class CostKind(ABC):
@@ -139,45 +126,38 @@ class EffortCost(CostKind):
 
     Args:
         weight: of each input.
-        target: inputs without cost (nu,).
 
     Example:
-        >>> rnc.optimal.EffortCost(weight=[1.0, 0.1]).target
-        0.0
+        >>> rnc.optimal.EffortCost(weight=[1.0, 0.1]).weight
+        [1.0, 0.1]
     """
 
     weight: Weight = 1.0
-    target: ArrayLike = 0.0
 
     def bind(self, model: ActionModel) -> BoundCost:
-        target = node_data.row_numbers(self.target, model.input_names, "target")
-        return BoundCost(model.input_names, self.weight, "running", node_data.input_rows, target)
+        return BoundCost(model.input_names, self.weight, "running", node_data.input_rows)
 
 
 @dataclass(frozen=True)
 class VelocityCost(CostKind):
-    """Squared distance of the reduced velocities from a target.
+    """Squared reduced velocities.
 
     Args:
         weight: of each reducing output.
-        target: velocities (r,).
         phase: "running", "terminal" or "both"; the kinematic form has no velocity at the end.
 
     Example:
-        >>> rnc.optimal.VelocityCost(weight=0.1, phase="both").target
-        0.0
+        >>> rnc.optimal.VelocityCost(weight=0.1, phase="both").weight
+        0.1
     """
 
     weight: Weight = 1.0
-    target: ArrayLike = 0.0
     phase: Phase = "running"
 
     def bind(self, model: ActionModel) -> BoundCost:
         if model.form == "kinematic" and self.phase != "running":
             raise ConfigurationError("VelocityCost: the kinematic form has no velocity at the end; use 'running'")
-        names = model.reduced.reducing.names
-        target = node_data.row_numbers(self.target, names, "target")
-        return BoundCost(names, self.weight, self.phase, node_data.velocity_rows, target)
+        return BoundCost(model.reduced.reducing.names, self.weight, self.phase, node_data.velocity_rows)
 
 
 @dataclass(frozen=True)

@@ -48,6 +48,7 @@ class LinearQuadratic:
         """
         nx = self.A.shape[1]
         weights = np.einsum("nii->ni", self.H)[:, nx:].mean(axis=0)
+        # The median: one heavy input does not decide about the inputs that have no weight.
         positive = weights[weights > _LEAST]
         usual = float(np.median(positive)) if len(positive) else 1.0
         return np.asarray(1.0 / np.sqrt(np.maximum(weights, 1e-6 * usual)))
@@ -66,6 +67,7 @@ class LinearQuadratic:
         """H for scaled inputs, with an addition to their weights: of what they add to those that hold velocities."""
         nx, nz = self.A.shape[1], len(self.scales)
         H = self.H * np.outer(self.scales, self.scales)
+        # Damping would pull an arm down if it counted the efforts that hold it: only what is added to them counts.
         if self.holding is None:
             H[:, range(nx, nz), range(nx, nz)] += damping
         else:
@@ -87,8 +89,10 @@ class LinearQuadratic:
     def _variances(self) -> Float[Array, "N1 k"]:
         """Squares of the typical sizes."""
         AB, scales, (N, nx, nu), k = self.scaled_dynamics, self.input_scales, self.B.shape, self.C.shape[1]
+        # Inputs that hold velocities act at every stage, and the noise comes on top of them.
         if self.holding is not None:
             AB = np.concatenate([self.A + self.B @ self.holding, AB[:, :, nx:]], axis=2)
+        # The covariance goes forward: P' = A P A^T + B B^T in units of the scales, and C P C^T is the variance of rows.
         rows, given = np.empty((N + 1, k)), (np.ascontiguousarray(self.C), np.ascontiguousarray(self.D))
         if _kernel.library.variances(N, nx, nx + nu, k, AB, *given, scales, rows):
             return rows
@@ -133,12 +137,13 @@ class RiccatiFactors:
             factor, failed = scipy.linalg.lapack.dpotrf(M[:, nx:], lower=1)
             if failed:
                 raise SimulationError(NOT_CONVEX)
+            # The inverse is kept: predictor and corrector solve with it.
             self._inverse[k], _ = scipy.linalg.lapack.dpotrs(factor, np.eye(nz - nx), lower=1)
             self.K[k] = -self._inverse[k] @ M[:, :nx]
             loop = np.concatenate([np.eye(nx), self.K[k]])
             closed = F @ loop
             P = loop.T @ H[k] @ loop + closed.T @ P @ closed  # Joseph's form: positive where weights are stiff
-            self.P[k] = P = (P + P.T) / 2
+            self.P[k] = P = (P + P.T) / 2  # rounding adds up over the stages
 
     def solve(
         self, g: Float[Array, "N nz m"], g_end: Float[Array, "nx m"], gap: Float[Array, "N nx m"]
@@ -249,11 +254,14 @@ class InteriorPointSolver:
             SimulationError: the subproblem is not convex, or its numbers are not finite.
         """
         H, g = problem.scaled_hessian(damping), problem.g * problem.scales
+        # Both limits follow the last change of the cost: a subproblem that is solved more finely than the next step
+        # changes the problem is work in vain, and a start nearer to the boundary than that change is a bad centre.
         if change is None:
             self._tolerance, self._warm = _TOLERANCE, _WARM
         else:
             self._tolerance = min(max(_EARLY[0] * change, _TOLERANCE), _EARLY[1])
             self._warm = min(max(_EARLY_WARM[0] * change, _EARLY_WARM[1]), _WARM)
+        # Known multipliers tell that bounds are active: the test without them would cost a factorization in vain.
         with np.errstate(all="ignore"):
             found = _without_bounds(problem, H, g, weight) if self.multipliers is None else None
             z, costate, iterations = self._within_bounds(problem, H, g, weight) if found is None else found
@@ -270,6 +278,7 @@ class InteriorPointSolver:
         if known is not None and known.shape == p.limit.shape:
             with suppress(SimulationError):
                 found = self._iterate(p, weight, _warm_start(p, weight, known, self._warm), _SLOW)
+        # A start close to a wrong set of active bounds has small slacks, and steps that they shorten.
         if found is None or found[2] == _SLOW:
             found = self._iterate(p, weight, _start(p, weight), _MOST)
         point, costate, iterations = found
@@ -298,6 +307,7 @@ class InteriorPointSolver:
                 raise
             now = _residuals(p, point, weight)
             mu = _complementarity(p, point, weight) / (2 * count)
+            # Mehrotra: the step to complementarity zero tells how far one comes, and so how much centring is needed.
             step, _ = _newton(p, point, now, factors, W, 0.0, None)
             ahead = _moved(point, step, _length(now, point, step))
             mu_ahead = _complementarity(p, ahead, weight) / (2 * count)
@@ -305,6 +315,8 @@ class InteriorPointSolver:
             step, costate = _newton(p, point, now, factors, W, sigma * mu, step)
             length = min(1.0, _BOUNDARY * _length(now, point, step, 1.0 / _BOUNDARY))
             point, rest = _moved(point, step, length), rest * (1.0 - length)
+            # Residuals of linear rows fall by the part of each step that is left; nothing else has to be measured. A
+            # short last step would leave the costate far from the point.
             if mu <= goal and length > 0.9 and rest <= left:
                 return point, costate, iteration
         return point, costate, most
@@ -324,6 +336,7 @@ def _scaled(problem: LinearQuadratic, H: Array, g: Array) -> tuple[_Scaled, Arra
     row, limit, active = (nodes, order % k), limit[nodes, order], active[nodes, order]
     unit = np.where(order < k, active, -1.0 * active) / rows[row]
     G = np.concatenate([problem.C[row], problem.D[row] * problem.input_scales], axis=2) * unit[:, :, None]
+    # Rows without a limit have a slack of one and no force: every node has arrays of one size.
     limit, active = np.where(active, limit, 1.0), active.astype(float)
     return _Scaled(problem.scaled_dynamics, problem.gap, H, g, problem.H_end, problem.g_end, G, limit, active), tied[
         row
@@ -345,6 +358,7 @@ def _without_bounds(problem: LinearQuadratic, H: Array, g: Array, weight: float)
     z, x, costate = factors.solve(slopes, g_end, gap)
     if len(rows):
         reach = -(E @ x[:, 1:])
+        # By least squares: goals may be dependent, such as the yaw of two frames of one body.
         multipliers, *_ = np.linalg.lstsq(reach, E @ x[:, 0] - goal, rcond=1e-10)
     else:
         multipliers = np.empty(0)
@@ -354,6 +368,7 @@ def _without_bounds(problem: LinearQuadratic, H: Array, g: Array, weight: float)
     value = np.matvec(problem.C, whole[:, :nx])
     value[:-1] += np.matvec(problem.D[:-1], whole[:-1, nx:] * problem.input_scales)
     beyond = np.maximum(lower - value / sizes, value / sizes - upper)
+    # The goal is found by solving equations, whose rounding grows with the length of the motion.
     inside = beyond <= 1e-9
     inside[-1, rows] = beyond[-1, rows] <= 1e-7
     if not inside.all() or np.abs(multipliers).max(initial=0.0) >= weight:
@@ -373,6 +388,8 @@ def _start(p: _Scaled, weight: float) -> _Point:
 def _warm_start(p: _Scaled, weight: float, y: Array, complementarity: float) -> _Point:
     """Start near the multipliers of a similar subproblem, whose solution this one is the next step from."""
     mu, on = complementarity * _cost_scale(p), p.active > 0
+    # On the central path s y = mu. A row that is far from its limit has a small multiplier, and one that is violated,
+    # an elastic slack: each pair starts there, and not at the last point, of which complementarity is zero.
     least = mu / np.maximum(p.limit, np.sqrt(mu))
     y = np.where(on, np.minimum(np.maximum(y, least), 0.9 * weight), min(1.0, weight / 2))
     s = np.where(on, np.maximum(p.limit, mu / y), 1.0)
@@ -391,6 +408,7 @@ def _complementarity(p: _Scaled, at: _Point, weight: float) -> float:
 def _factors(p: _Scaled, at: _Point, weight: float) -> tuple[RiccatiFactors, Array]:
     """Factors of the Newton matrix, and the weights of the rows in it."""
     nx = p.AB.shape[1]
+    # Both slacks of a row are eliminated: its stiffness is that of two springs in series.
     W = np.minimum(p.active / (at.s / at.y + at.e / (weight - at.y)), _STIFFEST)
     weighted = np.sqrt(W)[:, :, None] * p.G
     added = weighted.mT @ weighted

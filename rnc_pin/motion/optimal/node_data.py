@@ -80,6 +80,7 @@ class NodeData:
     @cached_property
     def velocity(self) -> Float[Array, "n nv"]:
         """Velocities."""
+        # A linearization has evaluated the states already.
         return self.model.reduced.at(self.at.q, self.v2).v if self.flow is None else self.flow.v
 
     @cached_property

@@ -61,6 +61,7 @@ class PlanEnd:
 
     def __init__(self, model: ActionModel, plan: MotionPlan) -> None:
         self._model, self._plan, self._driven = model, plan, action_model(model.reduced, "acceleration")
+        # A plan that ends at rest by its goal has rounding of the solver as its last velocity: that is no motion.
         w = plan.w[-1:] if model.nw else np.zeros((1, model.r))
         largest = np.abs(plan.acceleration[:, :, : model.r]).max(axis=(0, 1))
         speed = np.where(np.abs(w[0]) > _ROUNDING * np.abs(plan.w).max(initial=0.0), np.abs(w[0]), 0.0)
@@ -174,6 +175,7 @@ class PlanFeedback(ReprMixin):
         known = {"output": names, "velocity": inputs if kinematic else reduced.reducing.names, "input": inputs}
         self._outputs = plan.reference() if plan.info.output_names == names else None
         self._sides = dict[str, tuple[Array, Array, Array]]()
+        # Names decide which bounds hold: those of joints that are no outputs of the model have no row here.
         for quantity, own in known.items():
             bounds = [
                 (own.index(name), *sides) for kind, name, *sides in plan.info.bounds if kind == quantity and name in own
@@ -183,6 +185,7 @@ class PlanFeedback(ReprMixin):
             if quantity != "input" and self._outputs is not None:
                 values = (plan.position if quantity == "output" else plan.velocity).reshape(-1, len(names))[:, k]
                 gaps = np.stack([values.min(axis=0) - ends[0], ends[1] - values.max(axis=0)], axis=1)
+                # Feedback may follow a plan that comes nearer to a limit than the usual approach would let it.
                 room = gaps.min(axis=1) / 2.0
                 if quantity == "output" or not kinematic:
                     width = np.broadcast_to(np.diff(sides), sides.shape) if quantity == "output" else np.abs(sides)
@@ -207,6 +210,7 @@ class PlanFeedback(ReprMixin):
         dt = 0.0 if state is None else t - state.time
         planned, feedforward, K = self.planned(t)
         if dt > 0 and t < self.plan.duration:
+            # The plant holds one input for the sample, in which the plan may have several.
             ends = np.clip(self.plan.time, t, t + dt) - t
             feedforward = np.diff(ends) @ self.plan.u / dt + (1.0 - ends[-1] / dt) * self._after.at(0.0)[1]
         dx = pin.difference(self._reduced.robot.model, planned.q[0], q)
@@ -214,6 +218,7 @@ class PlanFeedback(ReprMixin):
         over = t - self.plan.duration > 0 and self._after.duration > 0  # the plan has no outputs after its end
         known = None if over or self._outputs is None else self._outputs.at(t)  # those of another model
         v2_desired, force = model.velocity(planned, feedforward[None])[0], np.zeros(model.r)
+        # By the planned velocity: to compensate the measured one would take the damping out of the loop.
         if self.joint_damping:
             now = planned if not dt else self.planned(t + dt / 2)[0]
             at = self._reduced.at(now.q[0], now.w[0] if model.nw else v2_desired)
@@ -226,6 +231,7 @@ class PlanFeedback(ReprMixin):
         if model.form == "dynamic":
             return Command(None, u, v2_desired, x1, x2), state
         rate = u if model.form == "acceleration" else self.bandwidth * (u - v2)
+        # The force of the begin of a sample would lag by half of it, behind gravity and Coriolis forces that change.
         middle = Nodes(q[None], v2[None])
         if dt > 0:
             middle = self._driven.step(middle, rate[None], np.array([dt / 2]))
@@ -239,7 +245,7 @@ class PlanFeedback(ReprMixin):
         less than half of the room that it leaves, they may also approach the plan.
         """
         model, rate = self._model, _APPROACH if self._model.nw else self.bandwidth / 4.0
-        rate = min(rate, 0.5 / dt) if dt > 0 else rate
+        rate = min(rate, 0.5 / dt) if dt > 0 else rate  # a faster approach would pass the bound within one sample
         outputs, speeds, inputs = self._sides.values()
         if len(outputs[0]) or len(speeds[0]):
             at, zero = self._reduced.at(q, v2), np.zeros(model.r)
@@ -267,10 +273,13 @@ class PlanFeedback(ReprMixin):
                     change = np.where(np.stack([-ahead, ahead]) <= room, wider, change)
                 wanted.append((rows[k], *(change - free[k])))
             A, low, high = (np.concatenate(each) for each in zip(*wanted, strict=True))
+            # Usually nothing is beyond. Else each row in turn gets the least change of the inputs, and rows that share
+            # inputs settle in a few sweeps: cheaper than a quadratic program, and never infeasible.
             if (np.clip(A @ u, low, high) != A @ u).any():
                 for row, least, most in list(zip(A, low, high, strict=True)) * _SWEEPS:
                     now = row @ u
                     u = u + row * ((np.clip(now, least, most) - now) / max(row @ row, _ROUNDING))
+        # Inputs last: actuators cannot exceed theirs, whatever the rows ask for.
         for k, sides, _ in [inputs, speeds] if model.form == "kinematic" else [inputs]:
             u[k] = np.clip(u[k], *sides.T)
         return u
@@ -280,6 +289,8 @@ class PlanFeedback(ReprMixin):
         """Gains after the end."""
         if self.weights is None:
             return self.K[-1]
+        # A long horizon is as good as an infinite one, and exists where the algebraic Riccati equation has no solution,
+        # because no input moves a direction at rest.
         at, u = self._after.at(np.inf)
         AB, H = _stages(self._model, at, u[None], np.diff(self.plan.time)[-1:], _numbers(self.plan, self.weights))
         nx = self._model.nx
@@ -300,14 +311,13 @@ def tvlqr(
     plan: MotionPlan,
     state_cost: Weight | None = None,
     input_cost: Weight | None = None,
-    final_cost: Weight | None = None,
     frequency: Positive = FREQUENCY,
     joint_damping: bool = False,
 ) -> PlanFeedback:
     """Return a time-varying linear-quadratic regulator about a plan.
 
-    It minimises the sum of ``h (dx^T Q dx + du^T R du)`` over the intervals, plus the final cost, under the exact
-    linearization of every step.
+    It minimises the sum of ``h (dx^T Q dx + du^T R du)`` over the intervals, and ``10 dx^T Q dx`` at the end, under the
+    exact linearization of every step.
 
     Without costs, each output that inputs move gets a critically damped loop of the natural frequency, whatever the
     form and the inertia: accelerations da cost ``da^2``, velocities ``2 frequency^2 dv2^2``, and positions
@@ -321,7 +331,6 @@ def tvlqr(
         state_cost: weights Q: a number, one for each state, or weights by name: entries of v, and reduced velocities
             with "(rate)" after their names (``plan.info.state_names``). One if only R is given.
         input_cost: weights R in the same forms, positive; one if only Q is given.
-        final_cost: weights of the last state; ten times Q by default, and of the natural frequency without costs.
         frequency: natural frequency without costs [rad/s].
         joint_damping: as for ``PlanFeedback``.
 
@@ -341,9 +350,8 @@ def tvlqr(
     model = fitting_model(reduced, plan)
     costs = [1.0 if each is None else each for each in (state_cost, input_cost)]
     weights: RegulatorWeights = frequency if state_cost is input_cost is None else (costs[0], costs[1])
-    last = None if final_cost is None else weights_of(final_cost, plan.info.state_names)
     at, numbers = Nodes(plan.q[:-1], plan.w[:-1]), _numbers(plan, weights)
-    K = regulator_gains(model, at, plan.u, np.diff(plan.time), numbers, last)
+    K = regulator_gains(model, at, plan.u, np.diff(plan.time), numbers)
     return PlanFeedback(reduced, plan, K, weights=weights, joint_damping=joint_damping)
 
 
@@ -369,9 +377,7 @@ def _numbers(plan: MotionPlan, weights: RegulatorWeights) -> _Numbers:
     return Q, R
 
 
-def regulator_gains(
-    model: ActionModel, at: Nodes, u: Array, h: Array, weights: _Numbers, last: Array | None = None
-) -> Float[Array, "K nu nx"]:
+def regulator_gains(model: ActionModel, at: Nodes, u: Array, h: Array, weights: _Numbers) -> Float[Array, "K nu nx"]:
     """Gains of a time-varying linear-quadratic regulator about a motion.
 
     Args:
@@ -380,12 +386,12 @@ def regulator_gains(
         u: inputs (K, nu).
         h: lengths of the intervals (K,) [s].
         weights: natural frequency [rad/s], or weights of states and of inputs.
-        last: weights of the last state; by default, those of ``tvlqr``.
     """
     AB, H = _stages(model, at, u, h, weights)
     end = H[-1, : model.nx, : model.nx] / h[-1]
+    # Ten times Q, or the cost to go of the critically damped loop of this frequency.
     end *= 10.0 if isinstance(weights, tuple) else (2.0 if model.nw else 1.0) / weights
-    return RiccatiFactors(AB, H, end if last is None else np.diag(last)).K
+    return RiccatiFactors(AB, H, end).K
 
 
 def _stages(model: ActionModel, at: Nodes, u: Array, h: Array, weights: _Numbers) -> tuple[Array, Array]:
@@ -396,10 +402,12 @@ def _stages(model: ActionModel, at: Nodes, u: Array, h: Array, weights: _Numbers
         return AB, h * np.diag(np.concatenate(weights))
     H, R, J2 = np.zeros((len(h), nx + model.nu, nx + model.nu)), steps.flow.v_w, model.reduced.at(at.q).J2
     rates = steps.u[:, nv:] / h if model.nw else np.eye(model.nu)
+    # J2 dq is the error that inputs move. The part of dq that no v2 moves has a weight too: motion ahead corrects it.
     H[:, :nv, :nv] = weights ** (4 if model.nw else 2) * (J2.mT @ J2 + np.eye(nv) - R @ np.linalg.pinv(R))
     H[:, range(nv, nx), range(nv, nx)] = 2.0 * weights**2
     H[:, nx:, nx:] = rates.mT @ rates
     own = np.einsum("kii->ki", H)[:, nx:]  # a writable view
+    # More actuators than directions: without a cost of its own, no share of the work would be the best one.
     own += _SMALL * own + _LEAST * own.max()
     return AB, h * H
 

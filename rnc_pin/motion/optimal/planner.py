@@ -104,6 +104,7 @@ def with_reserves(problem: Transcription, settings: SolverSettings) -> Transcrip
     nodes, bounds = NodeData(model, start, None, np.full(1, problem.begin)), list[NodeBound]()
     for bound in problem.bounds:
         if isinstance(bound, DistanceRows):
+            # Links of one robot have no margin: many are nearer to each other by design than the accuracy.
             ends = [check_distances("start", bound, start.q[0], problem.begin, accuracy), np.inf]
             if isinstance(goal, GoalRows) and goal.configuration is not None:
                 end = problem.begin + problem.duration[1]  # nothing moves if the duration is free
@@ -133,6 +134,7 @@ def check_distances(what: str, bound: DistanceRows, q: Array, t: float, accuracy
     """
     found = bound.at(q, t)
     smallest = float(found.distance.min(initial=np.inf))
+    # A goal beside obstacles is compared to the error of coal alone: the plan ends there, and nothing can improve it.
     if smallest < bound.clearance - (CONTACT if bound.distances.obstacles and what == "goal" else accuracy):
         nearest = int(found.distance.argmin())
         pair, distance = bound.distances.pairs[found.pairs[nearest]], float(found.distance[nearest])
@@ -291,8 +293,8 @@ def plan_motion(
         starts = guesses(problem, goal, guess, seeds + wanted - 1, seed)
         first = next(starts)
         effort = SearchEffort(wanted, np.inf)
-        # At rest a nonholonomic robot cannot leave the straight line to first order: the solution nearest to it is
-        # rarely the cheapest. A guess of the caller says which one is wanted.
+        # At rest a nonholonomic robot cannot leave the straight line to first order: the solution nearest to it need
+        # not be the cheapest. A guess of the caller says which one is wanted.
         if solutions is None and seeds and guess is None:
             effort = effort._replace(solutions=_USUAL if _bends(problem, first[1]) else 1, guesses=_USUAL)
         return PlanSearch(problem, settings, effort, loop).run(first, starts)

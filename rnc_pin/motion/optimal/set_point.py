@@ -96,6 +96,7 @@ class SetPoint:
     def _undetermined(self, outputs: NodeOutputs) -> tuple[str, ...]:
         """Joints that move within the goal."""
         robot, closure = self.reduced.robot, filtration(self.reduced, self.q).closure
+        # Directions that brackets reach and no output of the goal sees, such as the angle of a wheel.
         J = outputs.jacobian(Kinematics(robot).position(self.q))
         _, sizes, right = np.linalg.svd(J @ closure)
         rank = int((sizes > _FREE * sizes.max(initial=1.0)).sum())
@@ -117,7 +118,7 @@ class SetPoint:
 
     def _check_leaf(self) -> None:
         """Refuse configurations all of whose neighbours cannot be reached, other than by holonomic rows."""
-        if self.ignored:
+        if self.ignored:  # outputs name what has to be reached, and leave the rest free
             return
         reduced = self.reduced
         rows = reduced.at(self.q).all_rows[np.array(reduced.all_constraints.holonomic, dtype=bool)]
@@ -144,6 +145,7 @@ class SetPoint:
             try:
                 check_distances("goal", each, self.q, 0.0, accuracy)
             except InfeasibleError:
+                # Outputs leave other configurations: one of them may be free, and the robot may end there.
                 if not isinstance(self.goal, Mapping):
                     raise
                 pairs, apart = each.distances, each.clearance
@@ -221,6 +223,7 @@ class SetPointBound(BoundCost):
     def __init__(self, cost: SetPointCost, model: ActionModel) -> None:
         self.point = SetPoint(model.reduced, cost.goal)
         self._coordinates = coordinates = self.point.coordinates
+        # Velocities are states that have to vanish at the goal too; in the kinematic form they are inputs, with a cost.
         names, weights = coordinates.names, weights_of(cost.weight, coordinates.names)
         if model.nw:
             speeds = model.reduced.reducing.names
@@ -238,6 +241,7 @@ class SetPointBound(BoundCost):
         size = np.abs(z)
         s = np.sign(z) * size**powers
         total = (s**2).sum(axis=1, keepdims=True) + self._least
+        # |s|^2 + precision^(2 W) in place of |s|^2: no division by zero at the goal, and a smooth cost near it.
         factor = total ** (-(top - 1) / (2 * top))
         value, x = factor * s, None
         if z_q is not None:
@@ -300,6 +304,8 @@ def stalls(point: SetPoint, now: Nodes, q_end: Array) -> bool:
         now: state, one node.
         q_end: configuration (nq,) at the end of the predicted motion.
     """
+    # A robot that moves may be on a detour that leads away first. Half of the tolerance: the verdict asks for all of
+    # it.
     if np.abs(now.w).max(initial=0.0) > AT_REST or not point.missed(now.q[0], TOLERANCE / 2):
         return False
     here, there = point.distance(np.stack([now.q[0], q_end]))
@@ -349,6 +355,7 @@ def first_motion(
     """
     q, K, horizon = at.q[0], len(at.u), at.duration
     for times in (1, 2, _LONGEST):
+        # Intervals of the same length: the first K of them are the motion of the controller.
         settings = SolverSettings(nodes=times * K, refinements=0, accuracy=_ACCURACY)
         given = partial(plan_motion, form=model.form, bounds=bounds, settings=settings, feedback="plan")
         plan = nearer_plan(point, q, times * horizon, partial(given, seeds=_SEEDS // times, seed=seed))

@@ -104,19 +104,21 @@ def verify_loop(
         accuracy: as for ``verify_inputs``.
     """
     model, dt, start, reduced = problem.model, loop.dt, problem.start, problem.model.reduced
+    # Accelerations of an underactuated system are inputs of a model alone: no actuators give them.
     rank = np.linalg.matrix_rank(reduced.at(start.q[0]).input_matrix) if reduced.p else 0
     free = model.form == "kinematic" or (model.form == "acceleration" and rank < model.r)
-    plant = None if free else (loop.plant or ReducedPlant(reduced)).twin()
+    plant = None if free else (loop.plant or ReducedPlant(reduced)).twin()  # the caller's plant keeps its state
     count, errors = int(np.ceil(at.duration / dt - _ROUNDING)), list[float]()
     own: FeedbackState | None = None
 
     def advance(k: int, now: Nodes) -> tuple[Nodes, Array]:
         nonlocal own
+        # In the kinematic form the model has no velocity: the loop measures the planned one.
         v2 = now.w[0] if model.nw else controller.planned(k * dt)[1]
         state = reduced.at(now.q[0], v2) if plant is None else plant.state
         command, own = controller.step(k * dt, state.measure(np.zeros(model.r)), own)
         errors.append(float(np.abs(own.dx).max()))
-        if not errors[-1] < _DIVERGED:
+        if not errors[-1] < _DIVERGED:  # NaN too; a loop that explodes would take long and overflow
             raise DivergenceError("the motion diverges")
         if plant is None:
             return model.step(now, own.u[None], np.array([dt])), own.u
@@ -128,6 +130,7 @@ def verify_loop(
         if plant is not None:
             plant.reset(start.q[0], np.array(reduced.at(start.q[0], start.w[0]).v))
         fine = _stepped(start, dt, count, advance)
+        # The last sample may end after the plan: the deviation is that from the motion which follows it.
         end = model.difference(controller.planned(count * dt)[0], Nodes(fine.q[-1:], fine.w[-1:]))
         return fine, max(*errors, float(np.abs(end).max()))
 
@@ -185,6 +188,7 @@ def input_limits(problem: Transcription) -> tuple[Array, Array]:
 
 def _excesses(problem: Transcription, fine: Iterate, substeps: int, accuracy: float) -> Iterator[Excess]:
     """Largest excess of each row that a fine motion exceeds."""
+    # A problem over the fine steps, without margins and reserves: what counts is what was asked for.
     others = [bound for bound in problem.bounds if not isinstance(bound, DistanceRows)]
     duration = (fine.duration, fine.duration)
     same = Transcription(problem.model, problem.start, len(fine.u), [], others, problem.goal, duration)
@@ -196,6 +200,7 @@ def _excesses(problem: Transcription, fine: Iterate, substeps: int, accuracy: fl
         raise _Interrupted(str(error), 0.0) from None
     for block, where in same.blocks:
         values, low, high = rows[:, where], same.lower[:, where], same.upper[:, where]
+        # Inputs jump, and the goal holds at one time: neither has a peak between steps.
         peaks = _peaks(values, substeps) if block.of_state and block is not problem.goal else np.zeros(values.shape)
         beyond = np.maximum(low - values, values - high) + peaks
         for row, at in enumerate(beyond.argmax(axis=0).tolist()):
@@ -227,8 +232,10 @@ def _peaks(values: Float[Array, "n k"], substeps: int) -> Float[Array, "n k"]:
 
 def _too_near(bound: DistanceRows, times: Array, q: Array, accuracy: float) -> Iterator[Excess]:
     """Pairs that come nearer than the clearance at any time, or of which this is not certain."""
+    # Half of the accuracy: what bounds between steps leave open stays below what is accepted.
     found = continuous_distances(bound.distances, times, q, bound.clearance, 0.5 * accuracy)
     for k, pair in enumerate(bound.distances.pairs):
+        # A pair of which nothing is certain, as in a motion that diverges, counts as touching.
         distance = 0.0 if found.uncertain[k] else float(found.smallest[k])
         if distance < bound.clearance:
             title = f"distance of {pair.names[0]} and {pair.names[1]}"

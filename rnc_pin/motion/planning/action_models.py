@@ -158,6 +158,8 @@ class ActionModel(ABC):
         return at
 
     def _midpoint_step(self, at: Nodes, u: Array, h: Array) -> Nodes:
+        # The kernel has no errors of single nodes: where its numbers are not finite, NumPy's path names the
+        # singularity.
         found = self.reduced.evaluator.planned_steps(self.form, at.q, at.w, u, h)
         if found is not None and all(np.isfinite(each).all() for each in found):
             return Nodes(*found)
@@ -176,13 +178,14 @@ class ActionModel(ABC):
             h: length of the intervals [s].
             t: time since the first node [s].
         """
-        k = min(max(int(t / h + 1e-9), 0), len(u) - 1)
+        k = min(max(int(t / h + 1e-9), 0), len(u) - 1)  # at a node, rounding of t takes the interval that begins there
         start = Nodes(nodes.q[k : k + 1], nodes.w[k : k + 1])
         return self.step(start, u[k : k + 1], np.array([max(0.0, t - k * h)])), k
 
     def step_derivatives(self, at: Nodes, u: Array, h: Array) -> StepDerivatives:
         """Next states of nodes after steps h (n,) [s], with derivatives."""
         found = self._midpoint_derivatives(at, u, np.asarray(h) / self.parts)
+        # The chain rule over the parts; the input is constant, so that its derivatives add.
         for _ in range(1, self.parts):
             then = self._midpoint_derivatives(found.after, u, np.asarray(h) / self.parts)
             x, by_u, by_h = then.x @ found.x, then.x @ found.u + then.u, np.matvec(then.x, found.h) + then.h
@@ -386,6 +389,7 @@ class KinematicFlow:
         each, places = u / steps, [np.array(q)]
         for _ in range(steps):
             places.append(self.coarse_step(places[-1], each))
+        # Derivatives of all steps in one call; the product along each motion is cheap.
         starts = np.concatenate(places[:-1])
         found = self._model.step_derivatives(*_unit_steps(starts, np.tile(each, (steps, 1))))
         by_q, by_u = (part.reshape(steps, len(q), self.reduced.n, -1) for part in (found.x, found.u / steps))

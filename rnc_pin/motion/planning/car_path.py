@@ -90,6 +90,7 @@ class Leg:
         s = np.array([point.position[0] for point in points])
         s_dot = np.array([point.velocity[0] for point in points])
         dx, factors = self._coefficients()
+        # Flatness: heading and curvature of the quintic y(x), whose axes are those of the chart.
         y = sum(a * shape(s) for a, shape in zip(factors, _VALUES, strict=True))
         slope = sum(a * shape(s) for a, shape in zip(factors, _SLOPES, strict=True)) / dx
         bend = sum(a * shape(s) for a, shape in zip(factors, _BENDS, strict=True)) / dx**2
@@ -222,6 +223,7 @@ class CarPath:
             )
         stops = [_pose(start, "start"), *(_pose(each, "via pose") for each in via), _pose(goal, "goal")]
         radius = wheelbase / np.tan(max_steering)
+        # Each leg by itself: the car stands between them, so that none depends on the others.
         self.legs = [best_leg(a, b, radius, forward_only) for a, b in pairwise(stops)]
         lengths = np.array([leg.length for leg in self.legs])
         self.length, self.duration = float(lengths.sum()), duration
@@ -234,6 +236,7 @@ class CarPath:
             if geometry is not None:
                 steering, ratios = geometry.outputs(np.tan(steering) / wheelbase)
                 speeds = speeds * ratios
+            # The integral of a spline through the speeds: distance and speed of the reference belong to each other.
             distance = driven + scipy.interpolate.make_interp_spline(local, speeds, k=5).antiderivative()(local)
             along[:, 2] += heading - along[0, 2]  # a pose between legs may have its heading shifted by full turns
             at = begin + local

@@ -288,7 +288,7 @@ class CarSteering(_AxleSteering):
         angles = np.linspace(*((-_STEEPEST, _STEEPEST) if unlimited else (low + free, high - free)), _GRID)
         curvatures = np.array([self._curvature(angle) for angle in angles])
         middle, slopes = int(np.nanargmin(np.abs(curvatures))), np.diff(curvatures)
-        # The curvature rises with the angle around straight ahead; beyond the first turning points, or where rows are
+        # Around straight ahead, the curvature is monotonic; beyond the first turning points, or where rows are
         # singular, an angle for a curvature would not be unique.
         turns_back = np.flatnonzero(~(slopes * slopes[min(middle, len(slopes) - 1)] > 0.0))
         first = turns_back[turns_back < middle].max(initial=-1) + 1
@@ -330,7 +330,7 @@ class CarSteering(_AxleSteering):
         return float(turn / speed) if abs(speed) > 1e-6 and held.all() else np.nan
 
     def displacements(self, start: Array, goal: Array) -> Iterator[Array]:
-        # Longer paths of a search are rarely the free ones, and each costs a check; a guess takes all of them.
+        # Each path costs a check of distances, and a search has many pairs to try; a guess takes all of them.
         for word in self._words(start, goal)[:_PATHS]:
             yield self._steered(word, start, goal)
 

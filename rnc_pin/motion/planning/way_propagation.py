@@ -106,7 +106,7 @@ class PropagatedSearch:
         low, high = np.array(model.lowerPositionLimit), np.array(model.upperPositionLimit)
         limited = (low < high) & (low > -NO_LIMIT) & (high < NO_LIMIT)
         self._low, self._high = np.where(limited, low, -np.inf), np.where(limited, high, np.inf)
-        self._weights = np.where(planned, _JOINTS, 0.0)
+        self._weights = np.where(planned, _JOINTS, 0.0)  # a wheel that follows is as near at any angle
         self._box = np.where(limited, [low, high], self._start + np.array([[-np.pi], [np.pi]]))
         if size := base_axes(model):
             self._weights[: model.joints[1].nv] = 1.0
@@ -133,6 +133,7 @@ class PropagatedSearch:
         grown = 0
         while not self._budget.is_over:
             tree, other = trees[grown], trees[1 - grown]
+            # Towards the other tree for the rest: both have to meet.
             target = other.q[generator.integers(other.size)]
             if generator.random() < _RANDOM:
                 target = pin.randomConfiguration(self._flow.reduced.robot.model, *self._box)
@@ -167,6 +168,7 @@ class PropagatedSearch:
 
     def _extended(self, tree: _Tree, target: Array, generator: np.random.Generator) -> bool:
         """True if a tree has a new node, nearer to a target."""
+        # Nodes that have been tried count as farther, or a node at a wall would be tried for ever.
         parent = int(np.argmin(self._distances(tree.q, target) + tree.away[: tree.size]))
         inputs = self._drawn(tree.q[parent], generator)
         q = [np.repeat(tree.q[parent][None], len(inputs), axis=0)]
@@ -176,7 +178,7 @@ class PropagatedSearch:
         motions = np.stack(q, axis=1)
         inside = np.flatnonzero(self._within(motions))
         order = np.argsort(self._distances(motions[inside, -1], target), kind="stable")
-        for k in inside[order[:3]]:
+        for k in inside[order[:3]]:  # each costs a check of distances
             self._budget.motions += 1
             if self._clear(motions[k, 1:]):
                 tree.add(motions[k], parent, inputs[k])
@@ -190,6 +192,7 @@ class PropagatedSearch:
         r = self._flow.reduced.r
         inputs = generator.normal(size=(_CHOICES, 2, r))
         single = np.eye(r)[generator.integers(0, r, (_CHOICES // 2, 2))]
+        # Half of them along one coordinate: a bracket is a sequence of such motions.
         inputs[: _CHOICES // 2] = single * generator.choice([-1.0, 1.0], (_CHOICES // 2, 2, 1))
         size = np.abs(inputs @ self._flow.reduced.at(q).R.T).max(axis=2, keepdims=True)
         return inputs / np.maximum(size, 1e-12) * generator.uniform(0.1, 1.0, size.shape) * _LONGEST
@@ -208,6 +211,7 @@ class PropagatedSearch:
         """Free motion through nodes of both trees that are near each other."""
         _, before, first = trees[0].path(places[0])
         goal, after, second = trees[1].path(places[1])
+        # The tree of the goal grew from it: its motions are driven backwards, in reversed order.
         edges = [*first, *(-each[::-1] for each in reversed(second))]
         if not edges:
             return None
@@ -242,6 +246,8 @@ class PropagatedSearch:
             shots = self._flow.shots(nodes[:-1], inputs, _COARSE)
             missed = self._missed(shots.q[-1], nodes[1:])
             size = np.abs(missed).max()
+            # Where the error is not halved after a few iterations, the equations are too nonlinear: another pair of
+            # nodes costs less.
             if not size < 5.0 or (iteration > 3 and size > 0.5 * last):
                 return None
             last = size
@@ -251,6 +257,7 @@ class PropagatedSearch:
             self._change(nodes, inputs, shots, missed * min(1.0, 0.5 / max(size, 1e-300)), wanted, loose)
         else:
             return None
+        # Coarse motions are looked at first: a fine one takes many evaluations of the rows.
         q = np.swapaxes(shots.q, 0, 1)
         if not self._within(q).all() or not self._clear(q[:, 1:].reshape(-1, q.shape[-1])):
             return None
@@ -272,6 +279,7 @@ class PropagatedSearch:
         A, B = shots.by_start[:, self._planned][:, :, self._planned], shots.by_input[:, self._planned]
         AT, BT = A.transpose(0, 2, 1), B.transpose(0, 2, 1)
         free = np.eye(A.shape[1]) - self._open @ self._open.T  # directions in which rows keep the end
+        # Conditions of the least change: multipliers of neighbouring shots couple through the node between them.
         diagonal = B @ BT + loose * np.eye(A.shape[1])
         diagonal[1:] += loose * A[1:] @ AT[1:]
         diagonal[-1] += free - loose * np.eye(A.shape[1])
@@ -294,11 +302,12 @@ class PropagatedSearch:
             size = np.abs(missed).max()
             if size < _EXACT:
                 finer = self._finer(pieces, inputs, counts)
+                # More steps change the motion a little: the end is corrected again, with the same derivatives.
                 if (finer == counts).all():
                     break
                 counts, last = finer, np.inf
                 continue
-            if not size < last:
+            if not size < last:  # derivatives of the coarse motion no longer lead nearer
                 return None
             last = size
             self._change(nodes, inputs, shots, missed, np.zeros_like(inputs), 1.0)

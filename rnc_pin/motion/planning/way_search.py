@@ -67,6 +67,7 @@ class WaySpace:
                 continue
             kind, entry = joint.shortname(), int(joint.idx_q)
             if kind == "JointModelPlanar":
+                # RRT's neighbours of a car are those that it reaches by short paths, not those beside it.
                 plane = ob.ReedsSheppStateSpace(steering.radius) if steering.radius else ob.SE2StateSpace()
                 self._bound(plane, area[:, :2])
                 self._add("planar", entry, plane, 1.0)
@@ -106,7 +107,7 @@ class WaySpace:
         """Range of a joint in the space: its limits, which the configurations are within."""
         own = configurations[:, entry]
         first, last = float(own.min()), float(own.max())
-        if tight:
+        if tight:  # OMPL refuses a range of length zero
             return first - 1e-9, last + 1e-9
         low, high = float(self._model.lowerPositionLimit[entry]), float(self._model.upperPositionLimit[entry])
         room = _SLIDE if kind.startswith("JointModelP") else _TURN
@@ -180,7 +181,7 @@ def base_area(
             middle, reach = pose.act(center), np.abs(pose.rotation) @ halves
             corners.append(np.array([middle - reach, middle + reach]))
     every = np.concatenate(corners)
-    room = 1.0 + 2.0 * radius
+    room = 1.0 + 2.0 * radius  # a car turns round beside its goal
     if checker is not None:
         room += 2.0 * float(checker.distances.radii[: checker.distances.link_shapes].max())
     return np.array([every.min(axis=0) - room, every.max(axis=0) + room])
@@ -257,6 +258,7 @@ class WaySearch:
         self._steering, self._checker, self._budget = steering, checker, budget
         self._start, self._goals, self._area = places[0], places[1:], area
         self._speeds = speed_limits(steering.reduced, steering.planned)
+        # RRT asks for a motion once to add it, and the path for it again: each is checked once.
         self._known: dict[tuple[bytes, bytes], ExactMotion | None] = {}
         self._reached = {self._start.tobytes()}
         self.nearest = Nearest(np.inf, self._start)
@@ -322,7 +324,7 @@ class WaySearch:
             information.setup()
             problem = ob.ProblemDefinition(information)
             start = _state(information, space, self._start)
-            named = dict[bytes, Array]()
+            named = dict[bytes, Array]()  # a state of OMPL has lost digits and full turns of the goal
             problem.addStartState(start)
             ends = ob.GoalStates(information)
             for goal in self._goals:
@@ -344,6 +346,7 @@ class WaySearch:
         finally:
             ou.setLogLevel(level)
             _release(information)
+        # The way begins and ends in what was given, to the bit.
         q[0], q[-1] = self._start, named[q[-1].tobytes()]
         return self._joined(q)
 
@@ -394,11 +397,13 @@ class WaySearch:
         for _ in range(tries):
             if self._budget.is_over or len(motion.steps) < 2:
                 break
+            # Places by time, not by node: long straight pieces are cut as often as they take.
             ends = np.cumsum(drive_times(motion.steps, self._speeds))
             first, last = np.sort(generator.uniform(0.0, ends[-1], 2))
             (start, begin, _), (end, _, rest) = self._cut(motion, ends, first), self._cut(motion, ends, last)
             now = last - first
             for between in self._steering.motions(start, end):
+                # The duration is known without a check of distances, which costs far more.
                 faster = drive_times(between.steps, self._speeds).sum() < (1.0 - SHORTER) * now
                 if faster and self.is_free(between):
                     steps = np.concatenate([begin, between.steps, rest])

@@ -25,7 +25,7 @@ def test_feedback_corrects_a_wrong_start(form):
     start = reduced.robot.configuration()
     start[1] += 0.05
     weights = {"root_joint[0]": 50.0, "root_joint[1]": 50.0, "root_joint[2]": 10.0}
-    controller = rnc.tvlqr(reduced, plan, weights, 0.1, final_cost=100.0)
+    controller = rnc.tvlqr(reduced, plan, weights, 0.1)
     run = rnc.simulate(reduced, controller, start, 3.0, dt=0.02)
     assert np.abs(run.q[-1, :2] - plan.q[-1, :2]).max() < 0.02
 
@@ -51,7 +51,7 @@ def test_after_a_plan_that_ends_in_motion_the_velocity_falls_linearly_to_zero(fo
 def test_regulator_is_the_dense_optimum():
     """The first input of the regulator minimises the whole quadratic cost, found by least squares."""
     reduced, plan = curve("acceleration")
-    feedback = rnc.tvlqr(reduced, plan, 3.0, 0.5, final_cost=7.0)
+    feedback = rnc.tvlqr(reduced, plan, 3.0, 0.5)  # ten times as much at the end
     model = action_model(reduced, "acceleration")
     h = np.diff(plan.time)
     steps = model.step_derivatives(Nodes(plan.q[:-1], plan.w[:-1]), plan.u, h)
@@ -64,8 +64,8 @@ def test_regulator_is_the_dense_optimum():
         right.append(-np.sqrt(3.0 * h[k]) * free)
         free, forced = steps.x[k] @ free, steps.x[k] @ forced
         forced[:, k * nu : (k + 1) * nu] += steps.u[k]
-    rows += [np.sqrt(7.0) * forced, np.sqrt(0.5 * h[0]) * np.eye(K * nu)]
-    right += [-np.sqrt(7.0) * free, np.zeros(K * nu)]
+    rows += [np.sqrt(30.0) * forced, np.sqrt(0.5 * h[0]) * np.eye(K * nu)]
+    right += [-np.sqrt(30.0) * free, np.zeros(K * nu)]
     best = np.linalg.lstsq(np.vstack(rows), np.concatenate(right))[0]
     np.testing.assert_allclose(feedback.K[0] @ start, best[:nu], rtol=1e-6)
 
