@@ -109,11 +109,16 @@ def _read_only(found: StateDerivatives) -> StateDerivatives:
 def _compiled(
     reduced: ReducedModel, q: ArrayInput, v2: ArrayInput, T: ArrayInput, t: ArrayInput | None
 ) -> StateDerivatives | None:
-    """Derivatives from one call of the evaluator, of one state or a stack of states; None if it has none."""
-    found = reduced.evaluator.state_derivatives(q, v2, T, t)
-    if found is None:
+    """Derivatives from one call of the kernel, of one state or a stack of states; None if formulas have to decide."""
+    evaluator, kernel = reduced.evaluator, reduced.evaluator.kernel
+    if kernel is None or not type(q) is type(v2) is type(T) is Array:
         return None
-    count = found["v"].shape[:-1]
+    numbers = kernel.calls.state_derivatives(q, v2, T, evaluator.rates_at(t, q))
+    if numbers is None:
+        return None
+    count, numbers.flags.writeable = numbers.shape[:-1], False
+    record = np.ndarray(count, kernel.derivatives, numbers)
+    found = {name: record[name] for name in kernel.derivatives.names or ()}
     return StateDerivatives(**found, difference_error=np.zeros(count) if count else 0.0)
 
 

@@ -2,12 +2,14 @@
 
 The kernel evaluates one state or a loop of states into records. It declines if a row is undefined, E is singular, or
 other constraint rows have to be considered. ``evaluator_for`` compares it with the formulas when a reduction is made.
+Only the function that has a formula sees that the kernel declined: here for evaluations, in ``integrators`` for steps,
+in ``analysis.derivatives`` for derivatives, and in ``motion.planning.action_models`` for planned steps.
 """
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 import numpy as np
@@ -39,7 +41,6 @@ from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.reduction_kernel import ReductionKernel, RunRecords
 from rnc_pin.model.state_evaluation import StateEvaluation, output_slopes
 
-_FORMS = ("kinematic", "acceleration", "dynamic")
 _ENDS = ("q", "kinematics", "inverse"), ("q_end", "kinematics_end", "inverse_end")  # of a sample's record
 
 
@@ -243,7 +244,7 @@ class Evaluator:
         """
         (start, end), data = sample, self.data
         later = np.empty(data.n + data.r + data.vertical.size + 1 + data.rheonomic)
-        known = end.q, v2, T, end.compiled_kinematics, self._rates(t), later, start.v2
+        known = end.q, v2, T, end.compiled_kinematics, self.rates_at(t), later, start.v2
         return bool(self.calls.far_within(*known, np.array([dt]), *bounds))
 
     def inverse_dynamics(self, q: ArrayInput, v2: ArrayInput, v2_dot: ArrayInput, t: ArrayInput | None) -> Array:
@@ -262,7 +263,7 @@ class Evaluator:
         self, call: Callable[..., Array | None], arguments: tuple[ArrayInput, ...], t: ArrayInput | None
     ) -> Array | None:
         """Result of a call of the kernel; None if the formulas have to decide. Lists are converted first."""
-        rates = None if t is None else self._rates(t, arguments[0])
+        rates = None if t is None else self.rates_at(t, arguments[0])
         try:
             found = call(*arguments, rates)
             if found is None and any(type(each) is not Array or each.dtype != float for each in arguments):
@@ -273,8 +274,13 @@ class Evaluator:
             self.data.robot.check_unchanged()
             raise
 
-    def _rates(self, t: ArrayInput | None, q: ArrayInput | None = None) -> Array | None:
-        """Right-hand sides of constraints over one time t of states q; None for other constraints and other times."""
+    def rates_at(self, t: ArrayInput | None, q: ArrayInput | None = None) -> Array | None:
+        """Right-hand sides of constraints over time for calls of the kernel; None for other constraints.
+
+        Args:
+            t: one time of all states [s]; there are none for other times.
+            q: configurations (..., nq) of the states.
+        """
         if t is not None and type(t) is not float:
             admit_numbers(t, "t")
         if self.kernel is None or not self.data.rheonomic or not isinstance(t, float | int | np.floating):
@@ -323,26 +329,6 @@ class Evaluator:
         """
         return np.ascontiguousarray(np.moveaxis(output_slopes(self.at(q), along), 0, -3))
 
-    def state_derivative(
-        self, q: Array, v2: Array, T: Array, external: Array | None, damping: Array | None, t: float | None = None
-    ) -> tuple[Array, Array]:
-        """Full velocity, and rates of v2, of the integrals of J1 v, of a time, and of the work.
-
-        Args:
-            q: one configuration (nq,); all arrays are contiguous floats.
-            v2: reduced velocities (r,).
-            T: actuator inputs (p,).
-            external: generalized forces (nv,) in addition to inputs and damping; None for zero.
-            damping: viscous coefficients (nv,); None for zero.
-            t: time for constraints that depend on it [s].
-        """
-        data, n = self.data, self.data.n
-        # In the order in which an integrator has them: v, then the rates of its state.
-        found = np.empty(n + data.r + data.vertical.size + 1 + data.rheonomic)
-        if self.calls.state_derivative(q, None, v2, T, external, damping, self._rates(t), found):
-            return found[:n], found[n:]
-        return state_rates(StateEvaluation.at(self, q, v2, t=t), T, damping, external)
-
     def admissible_velocity(self, q: Array, v2: Array, t: float | None = None) -> tuple[Array, float]:
         """Full velocity (nv,) at one state, and the sum of the squares of R.
 
@@ -354,144 +340,11 @@ class Evaluator:
         if self.kernel is not None:
             calls, v, size = self.kernel.calls, np.empty(self.data.n), np.empty(1)
             # The sum of squares of R is infinite where E is singular.
-            calls.admissible_velocities((calls,), q, v2, self._rates(t), None, v, size)
+            calls.admissible_velocities((calls,), q, v2, self.rates_at(t), None, v, size)
             if size[0] < np.inf:
                 return v, size[0]
         state = StateEvaluation.at(self, q, v2, t=t)
         return state.v, float(np.square(state.R).sum())
-
-    # ------------------------------------------------------------------ calls of the kernel that have no formula here
-
-    def state_derivatives(
-        self, q: ArrayInput, v2: ArrayInput, T: ArrayInput, t: ArrayInput | None = None
-    ) -> Mapping[str, Array] | None:
-        """Derivatives by name, as read-only views; None if ``analysis.derivatives`` has to evaluate them.
-
-        Args:
-            q: configurations (..., nq).
-            v2: reduced velocities (..., r) [rad/s or m/s].
-            T: actuator inputs (..., p) [N or N m].
-            t: times (...) of rheonomic constraints [s]; others ignore them.
-        """
-        kernel = self.kernel
-        if kernel is None or not type(q) is type(v2) is type(T) is Array:
-            return None
-        numbers = kernel.calls.state_derivatives(q, v2, T, self._rates(t, q))
-        if numbers is None:
-            return None
-        numbers.setflags(write=False)
-        record = np.ndarray(numbers.shape[:-1], kernel.derivatives, numbers)
-        return {name: record[name] for name in kernel.derivatives.names or ()}
-
-    def integrate(self, q: Array, y: Array, T: Array, h: float, steps: int) -> tuple[Array, Array, float] | None:
-        """Configuration and y after equal Runge-Kutta steps, and their roughness; None if an integrator has to step.
-
-        Args:
-            q: configuration (nq,); all arrays are contiguous floats.
-            y: reduced velocities v2, integrals of the rates of the vertical outputs, and work, (r + k + 1,). If the
-                constraints depend on time, it comes before the work.
-            T: actuator inputs (p,), constant.
-            h: duration of each step [s].
-            steps: number of steps.
-        """
-        kernel, rates = self.kernel, None
-        if self.data.rheonomic and kernel is not None and kernel.fused:
-            # Constraints over time need their right-hand side at the stages of each step: its start, middle and end.
-            rates = kernel.rates_over_time((y[-2] + 0.5 * h * np.arange(2 * steps + 1)).tolist())
-        q_end, y_end, status, rough = np.empty(q.shape), np.empty(y.shape), np.zeros(1), np.empty(1)
-        found = q_end, y_end, status, rough
-        self.calls.integrate((self.calls,), q, y, T, h, steps, None, *found, rates, None, None, None)
-        return (q_end, y_end, float(rough[0])) if status[0] else None
-
-    def planned_motion(
-        self, form: str, start: tuple[Array, Array], u: Array, h: float, steps: int
-    ) -> tuple[Array, Array] | None:
-        """States (K steps, nq), (K steps, nw) after each midpoint step; None if Python has to step.
-
-        Args:
-            form: "kinematic", "acceleration" or "dynamic": inputs are v2, v2_dot or T.
-            start: configuration (nq,) and reduced velocities (nw,), of which the kinematic form has none.
-            u: inputs (K, nu), constant over intervals.
-            h: duration of a step [s].
-            steps: steps of each interval.
-        """
-        q, w = (np.array(each, dtype=float) for each in start)
-        found = np.empty((len(u) * steps, len(q) + len(w)))
-        arrays = q, w, np.ascontiguousarray(u), found
-        if not self.calls.planned_motion(_FORMS.index(form), len(u), steps, h, *arrays):
-            return None
-        return found[:, : len(q)], found[:, len(q) :]
-
-    def planned_steps(self, form: str, q: Array, w: Array, u: Array, h: Array) -> tuple[Array, Array] | None:
-        """States (n, nq), (n, nw) of nodes after one midpoint step of each; None if Python has to step.
-
-        Args:
-            form: as for ``planned_motion``.
-            q: configurations (n, nq).
-            w: reduced velocities (n, nw), of which the kinematic form has none.
-            u: inputs (n, nu).
-            h: durations of the steps (n,) [s].
-        """
-        found = np.empty((len(q), q.shape[1] + w.shape[1]))
-        arrays = (np.ascontiguousarray(each, dtype=float) for each in (q, w, u, h))
-        if not self.calls.planned_steps(_FORMS.index(form), *arrays, found):
-            return None
-        return found[:, : q.shape[1]], found[:, q.shape[1] :]
-
-    def planned_derivatives(
-        self, form: str, q: Array, w: Array, u: Array, h: Array
-    ) -> tuple[Mapping[str, Array], tuple[Array, Array], Array] | None:
-        """Derivatives at nodes by name, states as of ``planned_steps``, and their derivatives (n, nx, nx + nu + 1).
-
-        The last are by state, input and step. None if formulas have to evaluate them. Arguments are as of
-        ``planned_steps``.
-
-        Args:
-            form: as for ``planned_motion``.
-            q: configurations (n, nq).
-            w: reduced velocities (n, nw).
-            u: inputs (n, nu).
-            h: durations of the steps (n,) [s].
-        """
-        kernel = self.kernel
-        if kernel is None:
-            return None
-        (n, nq), nx = q.shape, self.data.n + w.shape[1]
-        if not self.data.kinematics.axes_are_constant:
-            return None
-        record, after = np.empty(n, kernel.derivatives), np.empty((n, nq + w.shape[1]))
-        slopes = np.empty((n, nx, nx + u.shape[1] + 1))
-        arrays = (np.ascontiguousarray(each, dtype=float) for each in (q, w, u, h))
-        if not kernel.calls.planned_derivatives(_FORMS.index(form), *arrays, record, after, slopes):
-            return None
-        first = {name: record[name] for name in kernel.derivatives.names or ()}
-        return first, (after[:, :nq], after[:, nq:]), slopes
-
-    def chart_rate(self, q: Array, x: Array, T: Array, damping: Array | None) -> Array | None:
-        """Rates of local coordinates ``x = (u, y)`` at ``q (+) u``; None if an integrator has to compute them.
-
-        Args:
-            q: configuration (nq,) at the centre; all arrays are contiguous floats.
-            x: coordinates u (nv,), then y as for ``integrate``.
-            T: actuator inputs (p,).
-            damping: viscous coefficients (nv,); None for zero.
-        """
-        found, n = np.empty(len(x)), self.data.n
-        state, rates = (q, x[:n], x[n : n + self.data.r]), self._rates(float(x[-2]))
-        return found if self.calls.state_derivative(*state, T, None, damping, rates, found) else None
-
-
-def state_rates(state: StateEvaluation, T: Array, damping: Array | None, external: Array | None) -> tuple[Array, Array]:
-    """Full velocity at a state, and the rates of v2, the integrals of J1 v, the time if rheonomic, and the work.
-
-    Args:
-        state: evaluation of the states.
-        T: actuator inputs (..., p) [N or N m].
-        damping: viscous coefficients (nv,); None for zero.
-        external: generalized forces (..., nv) in addition to inputs; None for zero.
-    """
-    v, v2_dot, power = state.flow(T, damping, external)
-    return v, np.concatenate([v2_dot, state.v1, [power] if state.t is None else [1.0, power]])
 
 
 def evaluator_for(data: ReductionData, known: Evaluator | None = None) -> Evaluator:

@@ -1,13 +1,14 @@
 """Runge-Kutta methods on the configuration manifold, in exponential coordinates ``q = q0 (+) u`` of a step.
 
 Equal steps of order four, equal steps that integrate damping of any size by matrix exponentials, and adaptive steps.
+``ReducedMotion`` applies them to a reduced model.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from fractions import Fraction
-from functools import cache, partial
+from functools import cache
 from math import factorial
 from typing import NamedTuple
 
@@ -17,6 +18,8 @@ import scipy
 from numpy import ndarray as Array
 
 from rnc_pin.errors import DivergenceError
+from rnc_pin.model.evaluator import Evaluator
+from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.robots.robot import Robot
 
 __all__ = [
@@ -26,6 +29,7 @@ __all__ = [
     "LieRungeKutta4",
     "LinearPart",
     "Rate",
+    "ReducedMotion",
     "phi_functions",
 ]
 
@@ -386,8 +390,7 @@ def phi_functions(x: np.ndarray, last: int) -> list[np.ndarray]:
 
 # ------------------------------------------------------------------ adaptive steps
 
-TimedRate = Callable[[float, Array, Array], tuple[Array, Array]]
-LocalRate = Callable[[float, Array, Array], Array | None]
+LocalRate = Callable[[float, Array, Array], Array]
 Settle = Callable[[Array, Array], tuple[Array, Array]]
 Samples = tuple[Array, Array, Array]
 
@@ -401,18 +404,18 @@ class AdaptiveIntegrator:
 
     Args:
         robot: robot of the configurations.
-        rate: ``rate(t, q, y) -> (v, ydot)``; y holds all other states, in a linear space.
+        local_rate: ``local_rate(t, q_k, x) -> xdot`` of coordinates ``x = (u, y)``; y holds all other states, in a
+            linear space.
         rtol, atol: relative and absolute tolerance of a step. Only the absolute one applies to positions, because u
             starts at zero.
         settle: maps (q, y) at the end of a step to an equivalent state, for example in another chart.
-        local_rate: faster way to rates of ``x = (u, y)``: ``local_rate(t, q_k, x) -> xdot``, or None where ``rate`` has
-            to decide.
 
     Example:
-        >>> from rnc_pin.model.integrators import AdaptiveIntegrator
+        >>> from rnc_pin.model.integrators import AdaptiveIntegrator, ExponentialCoordinates
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
-        >>> circle = lambda t, q, y: (np.array([1.0, 0.0, 1.0]), -y)
-        >>> integrator = AdaptiveIntegrator(robot, circle, rtol=1e-10, atol=1e-10)
+        >>> exponential, circle = ExponentialCoordinates(robot), lambda q, y: (np.array([1.0, 0.0, 1.0]), -y)
+        >>> rate = lambda t, q, x: np.concatenate(exponential.derivative(circle, q, x[:3], x[3:]))
+        >>> integrator = AdaptiveIntegrator(robot, rate, rtol=1e-10, atol=1e-10)
         >>> blocks = list(integrator.run(np.array([0.0, 1.0, np.pi]), robot.configuration(), np.ones(1)))
         >>> t, q, y = (each[-1] for each in blocks[-1])
         >>> q.round(6) + 0.0, y.round(6)  # half a circle of radius 1, and exp(-pi)
@@ -420,18 +423,10 @@ class AdaptiveIntegrator:
     """
 
     def __init__(
-        self,
-        robot: Robot,
-        rate: TimedRate,
-        rtol: float,
-        atol: float,
-        settle: Settle | None = None,
-        local_rate: LocalRate | None = None,
+        self, robot: Robot, local_rate: LocalRate, rtol: float, atol: float, settle: Settle | None = None
     ) -> None:
-        self._model, self._nv = robot.model, robot.nv
-        self._coordinates = ExponentialCoordinates(robot)
-        self._rate, self._rtol, self._atol, self._settle = rate, rtol, atol, settle
-        self._local_rate = local_rate
+        self._model, self._nv, self._local_rate = robot.model, robot.nv, local_rate
+        self._rtol, self._atol, self._settle = rtol, atol, settle
 
     def run(self, times: Array, q0: Array, y0: Array) -> Iterator[Samples]:
         """Yield the states (t, q, y) at the increasing ``times`` in blocks (count, ...); the first is (q0, y0).
@@ -450,10 +445,7 @@ class AdaptiveIntegrator:
         q, nv = np.array(q0, dtype=float), self._nv
 
         def chart_rate(t: float, x: Array) -> Array:
-            found = None if self._local_rate is None else self._local_rate(t, q, x)
-            if found is None:
-                found = np.concatenate(self._coordinates.derivative(partial(self._rate, t), q, x[:nv], x[nv:]))
-            return found
+            return self._local_rate(t, q, x)
 
         # Each chart begins at its own origin.
         x0 = np.concatenate([np.zeros(nv), y0])
@@ -498,3 +490,100 @@ class AdaptiveIntegrator:
 def _block(times: Array, q: Array, y: Array) -> Samples:
     """Block of one sample."""
     return times, q[None].copy(), np.array(y[None], dtype=float)
+
+
+# ------------------------------------------------------------------ motion of a reduced model
+
+
+def state_rates(state: StateEvaluation, T: Array, damping: Array | None, external: Array | None) -> tuple[Array, Array]:
+    """Full velocity at a state, and the rates of v2, the integrals of J1 v, the time if rheonomic, and the work.
+
+    Args:
+        state: evaluation of the states.
+        T: actuator inputs (..., p) [N or N m].
+        damping: viscous coefficients (nv,); None for zero.
+        external: generalized forces (..., nv) in addition to inputs; None for zero.
+    """
+    v, v2_dot, power = state.flow(T, damping, external)
+    return v, np.concatenate([v2_dot, state.v1, [power] if state.t is None else [1.0, power]])
+
+
+class ReducedMotion:
+    """Motion of reductions of one robot under constant inputs: rates and equal steps.
+
+    The state is q with y: reduced velocities v2, integrals of the rates of the vertical outputs, the time if the
+    constraints depend on it, and the work, (r + k + 1,) or (r + k + 2,). The compiled kernel computes rates and steps
+    by the same methods. Where it does not know a row, or leaves a state to NumPy, the formulas here decide.
+
+    Args:
+        robot: robot of the reductions.
+        damping: viscous coefficients (nv,); None for zero.
+    """
+
+    def __init__(self, robot: Robot, damping: Array | None = None) -> None:
+        self._damping, self._integrator = damping, LieRungeKutta4(robot)
+        self._coordinates = ExponentialCoordinates(robot)
+
+    def rate(self, by: Evaluator, q: Array, y: Array, T: Array, external: Array | None = None) -> tuple[Array, Array]:
+        """Full velocity (nv,), and the rates of y.
+
+        Args:
+            by: evaluator of the reduction.
+            q: configuration (nq,); all arrays are contiguous floats.
+            y: state.
+            T: actuator inputs (p,).
+            external: generalized forces (nv,) in addition to inputs and damping; None for zero.
+        """
+        n, v2, t = by.data.n, y[: by.data.r], float(y[-2]) if by.data.rheonomic else None
+        # In the order in which an integrator has them: v, then the rates of its state.
+        found = np.empty(n + len(y))
+        if by.calls.state_derivative(q, None, v2, T, external, self._damping, by.rates_at(t), found):
+            return found[:n], found[n:]
+        return state_rates(StateEvaluation.at(by, q, v2, t=t), T, self._damping, external)
+
+    def local_rate(self, by: Evaluator, q: Array, x: Array, T: Array) -> Array:
+        """Rates of local coordinates ``x = (u, y)`` at ``q (+) u``.
+
+        Args:
+            by: evaluator of the reduction.
+            q: configuration (nq,) at the centre; all arrays are contiguous floats.
+            x: coordinates u (nv,), then y.
+            T: actuator inputs (p,).
+        """
+        n, found = by.data.n, np.empty(len(x))
+        rates = by.rates_at(float(x[-2])) if by.data.rheonomic else None
+        # One call, and not one for the rate with the coordinates in Python: an adaptive step has twelve stages.
+        if by.calls.state_derivative(q, x[:n], x[n : n + by.data.r], T, None, self._damping, rates, found):
+            return found
+        return np.concatenate(self._coordinates.derivative(lambda at, y: self.rate(by, at, y, T), q, x[:n], x[n:]))
+
+    def steps(self, by: Evaluator, q: Array, y: Array, T: Array, h: float, count: int) -> tuple[Array, Array, float]:
+        """Configuration and y after equal Runge-Kutta steps, and the sum of their roughness.
+
+        Args:
+            by: evaluator of the reduction.
+            q: configuration (nq,); all arrays are contiguous floats.
+            y: state.
+            T: actuator inputs (p,), constant.
+            h: duration of each step [s].
+            count: number of steps.
+
+        Raises:
+            DivergenceError: accelerations are not finite, or a step is longer than the integrator's chart.
+        """
+        kernel, rates = by.kernel, None
+        if by.data.rheonomic and kernel is not None and kernel.fused:
+            # Constraints over time need their right-hand side at the stages of each step: its start, middle and end.
+            rates = kernel.rates_over_time((y[-2] + 0.5 * h * np.arange(2 * count + 1)).tolist())
+        found = np.empty(q.shape), np.empty(y.shape), np.zeros(1), np.empty(1)
+        # The kernel's Runge-Kutta steps have no damping, which would limit the step: it has a method of its own.
+        if self._damping is None:
+            by.calls.integrate((by.calls,), q, y, T, h, count, None, *found, rates, None, None, None)
+        q_end, y_end, status, rough = found
+        if status[0]:
+            return q_end, y_end, float(rough[0])
+        roughness = 0.0
+        for _ in range(count):
+            q, y, one = self._integrator.measured_step(lambda q, y: self.rate(by, q, y, T), q, y, h, by.data.r)
+            roughness += one
+        return q, y, roughness

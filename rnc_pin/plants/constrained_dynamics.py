@@ -14,10 +14,10 @@ import pinocchio as pin
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import clipped, null_space
-from rnc_pin.model.evaluator import Evaluator, evaluator_for, state_rates
+from rnc_pin.model.evaluator import Evaluator, evaluator_for
 from rnc_pin.model.factorization import constraint_rows
 from rnc_pin.model.input_validation import vector
-from rnc_pin.model.integrators import LieRungeKutta4, Rate
+from rnc_pin.model.integrators import Rate, ReducedMotion, state_rates
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.reduction_kernel import ReductionKernel, RunRecords
 from rnc_pin.model.rows import ConstantRows, OutputRows, OutputStack
@@ -276,7 +276,7 @@ class ConstrainedDynamics:
         self.state_size = self._r + len(self._where) + reduced.rheonomic + 1
         self._no_integrals = np.zeros(self._r)
         self._no_integrals.setflags(write=False)
-        self._integrator = LieRungeKutta4(reduced.robot)
+        self._motion = ReducedMotion(reduced.robot, self.damping)
         self.chart: VelocityChart
 
     # ------------------------------------------------------------------ states
@@ -417,25 +417,17 @@ class ConstrainedDynamics:
         Raises:
             DivergenceError: accelerations are not finite, or a step is longer than the integrator's chart.
         """
-        # The kernel integrates models whose rows it knows; Python does the same for others.
-        found = self.chart.evaluator.integrate(q, y, T, h, steps)
-        if found is not None:
-            return found
-        rate, roughness = self.derivative(T), 0.0
-        for _ in range(steps):
-            q, y, rough = self._integrator.measured_step(rate, q, y, h, self._r)
-            roughness += rough
-        return q, y, roughness
+        return self._motion.steps(self.chart.evaluator, q, y, T, h, steps)
 
-    def local_rate(self, q: np.ndarray, x: np.ndarray, T: np.ndarray) -> np.ndarray | None:
-        """Rates of coordinates ``x = (u, y)`` at ``q (+) u`` under inputs T; None if an integrator computes them.
+    def local_rate(self, q: np.ndarray, x: np.ndarray, T: np.ndarray) -> np.ndarray:
+        """Rates of coordinates ``x = (u, y)`` at ``q (+) u`` under inputs T.
 
         Args:
             q: centre of the coordinates (nq,).
             x: displacement u (nv,), then the state y.
             T: actuator inputs (p,).
         """
-        return self.chart.evaluator.chart_rate(q, x, T, self.damping)
+        return self._motion.local_rate(self.chart.evaluator, q, x, T)
 
     def derivative(
         self,
@@ -456,7 +448,7 @@ class ConstrainedDynamics:
 
         def rate(q: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             if projection is None:
-                return self.chart.evaluator.state_derivative(q, y[: self._r], T, external, self.damping, self.time(y))
+                return self._motion.rate(self.chart.evaluator, q, y, T, external)
             return state_rates(projection(self.at(q, y)), T, self.damping, external)
 
         return rate

@@ -111,15 +111,14 @@ def free_motion(
             return constant
         return dynamics.saturate(numbers_of(feedback(t, state.q, state.v2), "inputs"))
 
-    def rate(t: float, q: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def local_rate(t: float, q: np.ndarray, x: np.ndarray) -> np.ndarray:
         try:
-            T = constant if feedback is None else inputs_at(t, dynamics.in_reduction(q, y))
-            return dynamics.derivative(T)(q, y)
+            if feedback is None:
+                return dynamics.local_rate(q, x, constant)
+            at = pin.integrate(model.robot.model, q, x[: model.n])
+            return dynamics.local_rate(q, x, inputs_at(t, dynamics.in_reduction(at, x[model.n :])))
         except (SingularityError, DivergenceError):  # NaN makes the integrator shorten a step that leaves the chart
-            return np.full(model.n, np.nan), np.full(len(y), np.nan)
-
-    def local_rate(t: float, q: np.ndarray, x: np.ndarray) -> np.ndarray | None:
-        return dynamics.local_rate(q, x, constant) if feedback is None else None
+            return np.full(len(x), np.nan)
 
     def settle(q: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         q = dynamics.project(q, y)
@@ -133,7 +132,7 @@ def free_motion(
     y = dynamics.initial(start.q, start.v)
     times = np.linspace(0.0, duration, round(duration / dt) + 1)
     record = Record(model, len(times), dynamics.integrated)
-    integrator = AdaptiveIntegrator(model.robot, rate, rtol, atol, settle, local_rate)
+    integrator = AdaptiveIntegrator(model.robot, local_rate, rtol, atol, settle)
 
     def add(progress: Progress, samples: _Samples) -> None:
         """Record samples one by one, until one meets a stop condition."""

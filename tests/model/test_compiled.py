@@ -20,6 +20,7 @@ from rnc_pin.math.linear_algebra import null_space
 from rnc_pin.model import reduction_kernel
 from rnc_pin.model.evaluator import Evaluator, evaluator_for
 from rnc_pin.model.filled_arrays import CompiledArraysAtQ, CompiledArraysAtV, KnownKinematics
+from rnc_pin.model.integrators import ReducedMotion
 from rnc_pin.model.kinematics import OWN_AXES, WORLD_AXES
 from rnc_pin.model.reduction_kernel import ReductionKernel
 from systems import four_bar, free_arm, mobile_manipulator, random_states, space_robot_in_joints, tiago
@@ -31,7 +32,8 @@ def test_a_step_that_is_too_long_is_left_to_python():
     reduced = mobile_manipulator()
     ((q, v2),) = random_states(reduced, 1)
     y = np.concatenate([1e6 * v2, np.zeros(reduced.vertical.size + 1)])
-    assert reduced.evaluator.integrate(q, y, np.zeros(reduced.p), 0.1, 1) is None
+    with pytest.raises(rnc.DivergenceError, match="reduce the step"):
+        ReducedMotion(reduced.robot).steps(reduced.evaluator, q, y, np.zeros(reduced.p), 0.1, 1)
 
 
 @needs_library
@@ -195,12 +197,13 @@ def test_whole_calls_of_a_compiled_evaluator_are_those_of_numpy_where_it_decline
     compiled, plain = evaluator_for(data, reduced.evaluator), Evaluator(data)
     assert compiled.kernel
     assert compiled.at(q).compiled_kinematics is None
-    T, external, damping = np.ones(data.p), np.full(data.n, 0.1), np.full(data.n, 0.2)
+    T, external, y = np.ones(data.p), np.full(data.n, 0.1), np.concatenate([v2, np.zeros(data.vertical.size + 1)])
+    motion = ReducedMotion(data.robot, np.full(data.n, 0.2))
     for call in (
         lambda by: by.forward_dynamics(q, v2, T, None),
         lambda by: by.inverse_dynamics(q, v2, v2, None),
         lambda by: by.terms(q, v2).V,
-        lambda by: by.state_derivative(q.copy(), v2, T, external, damping)[1],
+        lambda by: motion.rate(by, q.copy(), y, T, external)[1],
         lambda by: by.admissible_velocity(q.copy(), v2)[0],
         lambda by: by.measured(q.copy(), np.ones(data.n)).residual,
     ):

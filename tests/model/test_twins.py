@@ -19,8 +19,7 @@ from rnc_pin._kernel.kernel_rows import Form, Value
 from rnc_pin.analysis.derivatives import _at_one_state as at_one_state
 from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.control import limits, tasks
-from rnc_pin.model.evaluator import state_rates
-from rnc_pin.model.integrators import LieRungeKutta4
+from rnc_pin.model.integrators import LieRungeKutta4, ReducedMotion, state_rates
 from systems import mobile_manipulator, random_states, rolling_bodies, sprung_arm, tiago, tumbling_panda
 
 pytestmark = needs_library
@@ -35,15 +34,17 @@ STATE = (
 DERIVATIVES = ("v", "v2_dot", "v_q", "v_v2", "v2_dot_q", "v2_dot_v2", "v2_dot_T")
 
 
-def fused_call(reduced, name):
-    """A call of the compiled evaluator that returns None for states that it leaves to NumPy."""
+def fused(call, *arguments):
+    """Result of a call that the kernel answers; None for states that it leaves to NumPy."""
+    with pytest.MonkeyPatch.context() as patch, suppress(AttributeError):  # where formulas begin
+        for module in ("evaluator", "integrators"):
+            patch.setattr(f"rnc_pin.model.{module}.StateEvaluation", None)
+        return call(*arguments)
 
-    def call(*arguments):
-        with pytest.MonkeyPatch.context() as patch, suppress(AttributeError):  # where formulas begin
-            patch.setattr("rnc_pin.model.evaluator.StateEvaluation", None)
-            return getattr(reduced.evaluator, name)(*arguments)
 
-    return call
+def fused_rate(reduced, q, v2, T, external=None, damping=None, t=None):
+    y = np.concatenate([v2, np.zeros(reduced.vertical.size), [0.0] if t is None else [t, 0.0]])
+    return fused(ReducedMotion(reduced.robot, damping).rate, reduced.evaluator, q, y, T, external)
 
 
 def compare(reduced, q, v2, size=1e-3):
@@ -83,11 +84,11 @@ def compare(reduced, q, v2, size=1e-3):
     damping = np.linspace(0.0, 1.0, reduced.n)
     for one, other in zip(found.flow(T, damping, 0.1 * damping), plain.flow(T, damping, 0.1 * damping), strict=True):
         near(one, other, condition, "flow")
-    if q.ndim == 1 and (fused := fused_call(reduced, "state_derivative")(q, v2, T, 0.1 * damping, damping)):
+    if q.ndim == 1 and (rates := fused_rate(reduced, q, v2, T, 0.1 * damping, damping)):
         expected = plain.flow(T, damping, 0.1 * damping)
-        near(fused[0], expected.v, condition, "state_derivative")
-        near(fused[1], np.concatenate([expected.v2_dot, plain.v1, [expected.power]]), condition, "state_derivative")
-    if q.ndim == 1 and (found := fused_call(reduced, "admissible_velocity")(q, v2)):
+        near(rates[0], expected.v, condition, "state_derivative")
+        near(rates[1], np.concatenate([expected.v2_dot, plain.v1, [expected.power]]), condition, "state_derivative")
+    if q.ndim == 1 and (found := fused(reduced.evaluator.admissible_velocity, q, v2)):
         near(found[0], plain.v, condition, "admissible_velocity")
         near(found[1], np.square(plain.R).sum(), condition, "sum of squares of R")
     if q.ndim == 1 and (ends := reduced.evaluator.sample(q, v2, 0.01)) is not None:
@@ -177,7 +178,7 @@ def compare_steps(reduced, h, steps):
     ((q, v2),) = random_states(reduced, 1)
     T = np.linspace(-1.0, 1.0, reduced.p)
     y = np.concatenate([v2, np.zeros(reduced.vertical.size + 1)])
-    found = reduced.evaluator.integrate(q, y, T, h, steps)
+    found = fused(ReducedMotion(reduced.robot).steps, reduced.evaluator, q, y, T, h, steps)
     integrator = LieRungeKutta4(reduced.robot)
 
     def rate(at, y):
@@ -194,8 +195,8 @@ def test_an_integrator_needs_no_evaluation(name):
     """The fused state derivative serves all built-in rows, moving constraints included; rows of the user decline."""
     reduced = (KINDS | ROBOTS)[name]()
     ((q, v2),) = random_states(reduced, 1)
-    fused = fused_call(reduced, "state_derivative")(q, v2, np.ones(reduced.p), None, None)
-    assert (fused is None) == (name in ("outputs_of_all_kinds", "disk that leans"))  # outputs of a user
+    rates = fused_rate(reduced, q, v2, np.ones(reduced.p), t=0.0 if reduced.rheonomic else None)
+    assert (rates is None) == (name in ("outputs_of_all_kinds", "disk that leans"))  # outputs of a user
 
 
 def test_rows_over_time():
@@ -221,10 +222,9 @@ def test_rows_over_time():
     y = np.concatenate([v2[0], np.zeros(reduced.vertical.size), [times[0], 0.0]])
     damping, integrator = np.linspace(0.0, 1.0, reduced.n), LieRungeKutta4(reduced.robot)
     rates = state_rates(plain[0], T, damping, None)
-    fused = fused_call(reduced, "state_derivative")(q[0], v2[0], T, None, damping, times[0])
-    for one, other in zip(fused, rates, strict=True):
+    for one, other in zip(fused_rate(reduced, q[0], v2[0], T, None, damping, times[0]), rates, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
-    found = reduced.evaluator.integrate(q[0], y, T, 0.02, 2)
+    found = fused(ReducedMotion(reduced.robot).steps, reduced.evaluator, q[0], y, T, 0.02, 2)
 
     def rate(at, y):
         return state_rates(by_numpy(reduced, at, v2=y[: reduced.r], t=y[-2]), T, None, None)

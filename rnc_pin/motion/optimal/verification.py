@@ -14,7 +14,7 @@ from rnc_pin.motion.optimal.bounds import DistanceRows
 from rnc_pin.motion.optimal.motion_plan import Integration, MotionPlan, PlanVerification
 from rnc_pin.motion.optimal.plan_feedback import FeedbackState, PlanFeedback
 from rnc_pin.motion.optimal.transcription import Iterate, Transcription
-from rnc_pin.motion.planning.action_models import Nodes
+from rnc_pin.motion.planning.action_models import FORMS, Nodes
 from rnc_pin.plants import ReducedPlant
 from rnc_pin.verdict import Finding, FindingKind, Severity
 
@@ -73,12 +73,14 @@ def verify_inputs(
         accuracy: distance below a clearance up to which a motion between fine steps needs no further measurement [m].
     """
     model, h, start = problem.model, at.duration / problem.K / substeps, problem.start
-    u, states = np.repeat(at.u, substeps, axis=0), (start.q[0], start.w[0])
-    found = model.reduced.evaluator.planned_motion(model.form, states, at.u, h, substeps)
+    u, states = np.repeat(at.u, substeps, axis=0), np.hstack([start.q[:1], start.w[:1]])
+    fast, found = model.reduced.evaluator.calls, np.empty((len(u), states.shape[1]))
+    parts = np.array(start.q[0]), np.array(start.w[0]), np.ascontiguousarray(at.u), found
+    known = fast.planned_motion(FORMS.index(model.form), len(at.u), substeps, h, *parts) and np.isfinite(found).all()
 
     def motion() -> tuple[Iterate, float]:
-        if found is not None and all(np.isfinite(each).all() for each in found):
-            q, w = (np.vstack(each) for each in zip(states, found, strict=True))
+        if known:
+            q, w = np.split(np.vstack([states, found]), [start.q.shape[1]], axis=1)
             fine = Iterate(q, w, u, at.duration)
         else:
             fine = _stepped(start, h, len(u), lambda k, now: (model.step(now, u[k : k + 1], np.array([h])), u[k]))

@@ -19,7 +19,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 import pinocchio as pin
@@ -31,6 +31,13 @@ from rnc_pin.model.coordinates import ConfigurationManifold
 from rnc_pin.model.reduced_model import ReducedModel
 
 Form = Literal["kinematic", "acceleration", "dynamic"]
+FORMS = get_args(Form)
+"""Forms in the order in which the compiled kernel counts them."""
+
+
+def _contiguous(values: Array) -> Array:
+    """Floats one after the other in memory, as the kernel reads them."""
+    return np.ascontiguousarray(values, dtype=float)
 
 
 class StateManifold(ConfigurationManifold):
@@ -158,11 +165,11 @@ class ActionModel(ABC):
         return at
 
     def _midpoint_step(self, at: Nodes, u: Array, h: Array) -> Nodes:
-        # The kernel has no errors of single nodes: where its numbers are not finite, NumPy's path names the
-        # singularity.
-        found = self.reduced.evaluator.planned_steps(self.form, at.q, at.w, u, h)
-        if found is not None and all(np.isfinite(each).all() for each in found):
-            return Nodes(*found)
+        found = np.empty((len(at.q), at.q.shape[1] + at.w.shape[1]))
+        calls, arrays = self.reduced.evaluator.calls, (*at, u, h)
+        # The kernel has no errors of single nodes: where its numbers are not finite, the formulas name the singularity.
+        if calls.planned_steps(FORMS.index(self.form), *map(_contiguous, arrays), found) and np.isfinite(found).all():
+            return Nodes(found[:, : at.q.shape[1]], found[:, at.q.shape[1] :])
         h = h[:, None]
         v, a = self.flow(at, u)
         middle = Nodes(self.manifold.integrate(at.q, h / 2 * v), at.w + h / 2 * a)
@@ -193,12 +200,9 @@ class ActionModel(ABC):
         return replace(found, h=found.h / self.parts)
 
     def _midpoint_derivatives(self, at: Nodes, u: Array, h: Array) -> StepDerivatives:
-        nx = self.nx
-        found = self.reduced.evaluator.planned_derivatives(self.form, at.q, at.w, u, h)
+        nx, found = self.nx, self._compiled_derivatives(at, u, h)
         if found is not None:
-            flow, states, out = found
-            first = self._flow(StateDerivatives(**flow, difference_error=0.0), u)
-            return StepDerivatives(Nodes(*states), out[:, :, :nx], out[:, :, nx:-1], out[:, :, -1], first)
+            return found
         half, whole = h[:, None] / 2, h[:, None]
         first = self.flow_derivatives(at, u)
         shift = half * first.v
@@ -212,6 +216,21 @@ class ActionModel(ABC):
         out = self._displaced_slopes(at.q, shift, whole, second, slopes, 1.0)
         after = Nodes(self.manifold.integrate(at.q, shift), at.w + whole * second.a)
         return StepDerivatives(after, out[:, :, :nx], out[:, :, nx:-1], out[:, :, -1], first)
+
+    def _compiled_derivatives(self, at: Nodes, u: Array, h: Array) -> StepDerivatives | None:
+        """Derivatives of a step by one call of the kernel; None if the formulas have to decide."""
+        kernel, (n, nq), nx = self.reduced.evaluator.kernel, at.q.shape, self.nx
+        if kernel is None:
+            return None
+        flow, after = np.empty(n, kernel.derivatives), np.empty((n, nq + self.nw))
+        out = np.empty((n, nx, nx + self.nu + 1))
+        arrays = *map(_contiguous, (*at, u, h)), flow, after, out
+        if not kernel.calls.planned_derivatives(FORMS.index(self.form), *arrays):
+            return None
+        names = kernel.derivatives.names or ()
+        first = self._flow(StateDerivatives(**{name: flow[name] for name in names}, difference_error=0.0), u)
+        states = Nodes(after[:, :nq], after[:, nq:])
+        return StepDerivatives(states, out[:, :, :nx], out[:, :, nx:-1], out[:, :, -1], first)
 
     def _slopes(self, flow: FlowDerivatives) -> Array:
         """Derivatives of velocity and acceleration (n, nx, nx + nu + 1) by state, input and step, which has none."""

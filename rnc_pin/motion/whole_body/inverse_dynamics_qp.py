@@ -13,7 +13,7 @@ from rnc_pin.control.controller import Command, Description, State, elapsed_time
 from rnc_pin.math.linear_algebra import as_slice, clipped, inverse
 from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.input_validation import Positive, check_positive_settings
-from rnc_pin.model.integrators import DEFAULT_TOLERANCE, LieRungeKutta4
+from rnc_pin.model.integrators import DEFAULT_TOLERANCE, ReducedMotion
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.motion.whole_body.braking_motion import BrakedSample, Braking, BrakingState
@@ -191,7 +191,7 @@ class InverseDynamicsQP(WholeBodyProgram):
         self.dt, self.velocity_gain, self.friction, self.braking_time = dt, velocity_gain, friction, braking_time
         self._decay = float(np.exp(-velocity_gain * dt))
         super().__init__(reduced, tasks, limits, resting=reduced.r)
-        self._contacts, self._integrator = ContactCones(reduced, friction), LieRungeKutta4(reduced.robot)
+        self._contacts, self._motion = ContactCones(reduced, friction), ReducedMotion(reduced.robot)
         efforts = reduced.actuation.limits
         limited = np.flatnonzero(np.isfinite(efforts))
         self._limited, self._efforts = as_slice(limited), efforts[limited]
@@ -394,19 +394,8 @@ class InverseDynamicsQP(WholeBodyProgram):
         """Configuration and reduced velocity after a number of Runge-Kutta steps, which make a sample by default."""
         reduced, h = self._reduced, self.dt / steps if h is None else h
         start = np.concatenate([state.v2, np.zeros(reduced.vertical.size + 1)])
-        found = reduced.evaluator.integrate(np.array(state.q), start, np.ascontiguousarray(T), h, steps)
-        if found is not None:
-            q, y, _ = found
-            return q, y[: reduced.r]
-
-        def rate(q: Array, v2: Array) -> tuple[Array, Array]:
-            here = reduced.at(q, v2)
-            return here.v, here.v2_dot(T)
-
-        q, v2 = state.q, np.array(state.v2)
-        for _ in range(steps):
-            q, v2 = self._integrator.step(rate, q, v2, h)
-        return q, v2
+        q, y, _ = self._motion.steps(reduced.evaluator, np.array(state.q), start, np.ascontiguousarray(T), h, steps)
+        return q, y[: reduced.r]
 
     def _ahead(self, state: StateEvaluation, T: Array, samples: int) -> tuple[Array, Array]:
         """Configuration and reduced velocity after samples under constant inputs, of a braking motion."""

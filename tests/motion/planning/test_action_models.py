@@ -5,8 +5,7 @@ import pytest
 
 import rnc_pin as rnc
 import systems
-from rnc_pin.model.evaluator import Evaluator
-from rnc_pin.motion.planning.action_models import Nodes, action_model
+from rnc_pin.motion.planning.action_models import ActionModel, Nodes, action_model
 
 FORMS = ["kinematic", "acceleration", "dynamic"]
 SYSTEMS = {"sleigh": systems.sleigh, "space robot": systems.space_robot_in_joints}
@@ -53,10 +52,9 @@ def test_one_call_gives_the_derivatives_of_the_formulas(system, form, monkeypatc
     model = action_model(CURVED[system](), form)
     at, u, h = random_nodes(model, count=8)
     h *= 0.2  # the arm is near a singular position: its base turns at up to 45 rad/s
-    compiled = model.reduced.evaluator.kernel is not None
-    assert compiled == (model.reduced.evaluator.planned_derivatives(form, *at, u, h) is not None)
+    assert (model.reduced.evaluator.kernel is None) == (model._compiled_derivatives(at, u, h) is None)
     found = model.step_derivatives(at, u, h)
-    monkeypatch.setattr(Evaluator, "planned_derivatives", lambda *_: None)
+    monkeypatch.setattr(ActionModel, "_compiled_derivatives", lambda *_: None)
     expected = model.step_derivatives(at, u, h)
     for one, other in zip(parts(found), parts(expected), strict=True):
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-11 * (1 + np.abs(other).max(initial=0.0)))
@@ -66,7 +64,7 @@ def test_a_turn_beyond_the_series_has_the_derivatives_of_pinocchio():
     model = action_model(systems.sleigh(), "kinematic")
     at, u, _ = random_nodes(model)
     u[:, 1], h = 1.0, np.full(len(u), 2.5)
-    assert model.reduced.evaluator.planned_derivatives("kinematic", *at, u, h) is None
+    assert model._compiled_derivatives(at, u, h) is None
     by_u = central(model, lambda d: model.step(at, u + d, h), model.nu, step=1e-5)
     np.testing.assert_allclose(model.step_derivatives(at, u, h).u, by_u, atol=1e-7)
 
