@@ -141,7 +141,9 @@ class DistanceBounds:
         if self._last is None:
             self._known = self.of_volumes(at)
             self._measured[:] = True
-        elif not self._moved_by_kernel(at, self._last):
+        elif not _kernel.library.pair_bounds(
+            at.rotations, at.middles, self._last.rotations, self._last.middles, self._radii, self._shapes, self._known
+        ):
             turn = (at.rotations - self._last.rotations).reshape(-1, 9)
             shift = at.middles - self._last.middles
             # The norm of a difference of rotations is its Frobenius norm over the root of two.
@@ -160,12 +162,6 @@ class DistanceBounds:
             near = near[self._known[near] < within]
         self._measured[:] = False
         return near
-
-    def _moved_by_kernel(self, at: ShapePoses, last: ShapePoses) -> bool:
-        """Decrease the bounds by the motion since the last poses; False if NumPy has to."""
-        return _kernel.library.pair_bounds(
-            at.rotations, at.middles, last.rotations, last.middles, self._radii, self._shapes, self._known
-        )
 
     def measured(self, pairs: Int[Array, " n"], distances: Float[Array, " n"]) -> None:
         """Remember the distances [m] of pairs at the poses of ``nearby``.

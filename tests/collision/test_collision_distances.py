@@ -10,8 +10,6 @@ from bodies import add_body
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection, ground_shape
 from telescopes import telescope
 
-STEP = 1e-6  # of differences [s]
-
 
 def ball_on_rails(radius=0.1):
     """Ball that moves along x and then along y."""

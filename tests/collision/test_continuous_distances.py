@@ -33,11 +33,6 @@ def test_no_contact_is_missed_and_none_is_invented(seed):
         assert dense.distances(found.time[k], [k]) == pytest.approx([found.smallest[k]], abs=COAL)
 
 
-def at_samples(found):
-    """Distances of all pairs at the samples of a motion."""
-    return found.curves.of(np.arange(len(found.smallest)))
-
-
 def unicycle_beside(*obstacles):
     robot = rnc.Robot.from_urdf("unicycle.urdf", base="planar")
     return robot, CollisionDistances(robot, obstacles)

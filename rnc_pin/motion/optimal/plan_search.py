@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
-from typing import NamedTuple, TypeGuard
+from typing import TypeGuard
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from rnc_pin.model.coordinates import Coordinates, rotation_vector_rates
 from rnc_pin.motion.optimal.bounds import DISTANCE
 from rnc_pin.motion.optimal.guesses import GIVEN, resampled
 from rnc_pin.motion.optimal.motion_plan import Integration, MotionPlan, PlanInfo, PlanVerification
-from rnc_pin.motion.optimal.sequential_quadratic import GuessSolver, LimitSolver, Solution, SolverSettings
+from rnc_pin.motion.optimal.sequential_quadratic import LimitSolver, Solution, SolverSettings, solutions_from
 from rnc_pin.motion.optimal.transcription import Iterate, Transcription
 from rnc_pin.motion.optimal.verification import Excess, RunLoop, excess_text, plan_findings, verify_inputs, verify_loop
 from rnc_pin.motion.planning.action_models import ActionModel, Nodes
@@ -77,18 +77,6 @@ def _continue(coordinates: Coordinates, position: Array, velocity: Array, accele
                 velocity[k, end, triple], acceleration[k, end, triple] = rotation_vector_rates(*parts)
 
 
-class SearchEffort(NamedTuple):
-    """Guesses that are solved before the cheapest solution is tried.
-
-    Attributes:
-        solutions: number of solutions that are wanted.
-        guesses: number of guesses after which one solution is enough.
-    """
-
-    solutions: int
-    guesses: float
-
-
 @dataclass(frozen=True, eq=False)
 class _Made:
     """Plan with its solution, and with the rows that its inputs alone exceed, largest first.
@@ -142,12 +130,11 @@ class PlanSearch:
     Args:
         problem: the problem.
         settings: settings of the solver.
-        effort: guesses that are solved before the cheapest solution is tried, and how.
         loop: the loop that will run.
     """
 
-    def __init__(self, problem: Transcription, settings: SolverSettings, effort: SearchEffort, loop: RunLoop) -> None:
-        self._problem, self._settings, self._effort, self._loop = problem, settings, effort, loop
+    def __init__(self, problem: Transcription, settings: SolverSettings, loop: RunLoop) -> None:
+        self._problem, self._settings, self._loop = problem, settings, loop
         # Guesses are solved for the clearance itself: a motion that cannot keep more of it is not lost. Improvements
         # ask for the accuracy on top.
         self._narrow = problem.changed(margins={DISTANCE: np.full(problem.K + 1, -settings.accuracy)})
@@ -159,26 +146,25 @@ class PlanSearch:
         self._error: RncError | None = None
         self._given: Iterate | None = None
 
-    def run(self, first: tuple[str, Iterate], further: Iterator[tuple[str, Iterate]]) -> MotionPlan:
+    def run(
+        self, first: tuple[str, Iterate], further: Iterator[tuple[str, Iterate]], solutions: int, enough: float
+    ) -> MotionPlan:
         """Return the first verified plan: the cheapest of the wanted solutions, else the next one.
 
         Args:
             first: the first named guess.
             further: guesses after it.
+            solutions: number of solutions that are wanted.
+            enough: number of guesses after which one solution is enough.
 
         Raises:
             InfeasibleError: there is none.
         """
         self._given = first[1] if first[0] == GIVEN else None
-        solver = GuessSolver(self._narrow, self._settings)
-        return self._cheapest(solver.solution(*start) for start in chain([first], further))
-
-    def _cheapest(self, found: Iterator[Solution | RncError]) -> MotionPlan:
-        pool: list[Solution] = []
-        effort = self._effort
-        needed = effort.solutions
+        found = solutions_from(self._narrow, self._settings, chain([first], further))
+        pool, needed = list[Solution](), solutions
         while True:
-            while self._solved < needed and not (pool and self._tried >= effort.guesses):
+            while self._solved < needed and not (pool and self._tried >= enough):
                 candidate = next(found, None)
                 if candidate is None:
                     break

@@ -32,7 +32,7 @@ from rnc_pin.motion.optimal.guesses import Guess, guesses, motion_limits
 from rnc_pin.motion.optimal.motion_plan import MotionPlan
 from rnc_pin.motion.optimal.node_data import NodeData
 from rnc_pin.motion.optimal.plan_feedback import PlanFeedback, tvlqr
-from rnc_pin.motion.optimal.plan_search import PlanSearch, SearchEffort
+from rnc_pin.motion.optimal.plan_search import PlanSearch
 from rnc_pin.motion.optimal.sequential_quadratic import SolverSettings
 from rnc_pin.motion.optimal.transcription import Iterate, Transcription
 from rnc_pin.motion.optimal.verification import CONTACT, RunLoop
@@ -292,12 +292,12 @@ def plan_motion(
         _warn_of_differences(problem)
         starts = guesses(problem, goal, guess, seeds + wanted - 1, seed)
         first = next(starts)
-        effort = SearchEffort(wanted, np.inf)
+        count, enough = wanted, np.inf
         # At rest a nonholonomic robot cannot leave the straight line to first order: the solution nearest to it need
         # not be the cheapest. A guess of the caller says which one is wanted.
         if solutions is None and seeds and guess is None:
-            effort = effort._replace(solutions=_USUAL if _bends(problem, first[1]) else 1, guesses=_USUAL)
-        return PlanSearch(problem, settings, effort, loop).run(first, starts)
+            count, enough = _USUAL if _bends(problem, first[1]) else 1, _USUAL
+        return PlanSearch(problem, settings, loop).run(first, starts, count, enough)
 
     if isinstance(guess, Way) and not guess.v.any():
         guess = guess.q[[0, -1]]  # a way that stays has no pieces

@@ -9,6 +9,7 @@ lacks.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
@@ -283,33 +284,26 @@ class LimitSolver:
         return within
 
 
-class GuessSolver:
-    """Solver of a problem from guesses; each solution depends on its guess alone.
-
-    Motions without the bounds of distances lead past obstacles. Their iterations cost a small part of those with
-    distances, and they are a good start for them.
+def solutions_from(
+    problem: Transcription, settings: SolverSettings, starts: Iterable[tuple[str, Iterate]]
+) -> Iterator[Solution | RncError]:
+    """Solutions from guesses, each from its guess alone, or the errors that end their iterations.
 
     Args:
         problem: the problem.
         settings: settings of the solver.
+        starts: named guesses.
     """
-
-    def __init__(self, problem: Transcription, settings: SolverSettings) -> None:
-        free = [bound for bound in problem.bounds if bound.quantity != DISTANCE]
-        few, kept = len(free) < len(problem.bounds), [bound for bound in free if not bound.of_file]
-        self._relaxed = SequentialQuadratic(problem.changed(bounds=kept), settings) if few else None
-        self._solver = LimitSolver(problem, settings)
-
-    def solution(self, name: str, start: Iterate) -> Solution | RncError:
-        """Solution from a guess, or the error that ends its iterations.
-
-        Args:
-            name: name of the guess.
-            start: the guess.
-        """
+    free = [bound for bound in problem.bounds if bound.quantity != DISTANCE]
+    kept = [bound for bound in free if not bound.of_file]
+    # Motions without the bounds of distances lead past obstacles. Their iterations cost a small part of those with
+    # distances, and they are a good start for them.
+    relaxed = SequentialQuadratic(problem.changed(bounds=kept), settings) if len(free) < len(problem.bounds) else None
+    solver = LimitSolver(problem, settings)
+    for name, start in starts:
         try:
-            if self._relaxed is not None and name.startswith(_RELAXED):
-                start = self._relaxed.solve(start).iterate
-            return replace(self._solver.solve(start), guess=name)
+            if relaxed is not None and name.startswith(_RELAXED):
+                start = relaxed.solve(start).iterate
+            yield replace(solver.solve(start), guess=name)
         except RncError as error:
-            return error
+            yield error

@@ -178,10 +178,6 @@ def test_costs_that_determine_no_set_point_do_not_warn():
     assert quadratic_set_point(action_model(sleigh, "acceleration"), posture) is not None
 
 
-def standing(model, q, horizon, K):
-    return along(model, np.repeat(q[None], K + 1, axis=0), horizon)
-
-
 def test_the_first_motion_is_the_beginning_of_a_plan_and_counts_as_an_escape():
     reduced = systems.sleigh()
     controller = controller_of(reduced)
@@ -223,7 +219,8 @@ def test_a_long_way_is_begun_by_a_longer_plan():
     model = action_model(reduced, "acceleration")
     point = controller_of(reduced).set_point
     q = reduced.robot.configuration({"root_joint": [-4.0, 0.0, 0.0]})
-    found = first_motion(model, point, standing(model, q, 3.0, 15), [rnc.optimal.VelocityBound(-1.0, 1.0)], seed=0)
+    standing = along(model, np.repeat(q[None], 16, axis=0), 3.0)
+    found = first_motion(model, point, standing, [rnc.optimal.VelocityBound(-1.0, 1.0)], seed=0)
     assert (found.q.shape, found.duration) == ((31, 4), 6.0)
     np.testing.assert_allclose(found.q[0], q, atol=1e-12)
     assert -3.5 < found.q[15, 0] < -1.0
