@@ -2,7 +2,6 @@
 
 from .collision_distances import CollisionDistances as CollisionDistances
 from .continuous_distances import ContinuousDistances as ContinuousDistances
-from .continuous_distances import DistanceCurves as DistanceCurves
 from .continuous_distances import continuous_distances as continuous_distances
 from .occupied_cells import OccupancyMap as OccupancyMap
 from .occupied_cells import cells_around as cells_around

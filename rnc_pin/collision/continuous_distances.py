@@ -10,8 +10,9 @@ a segment contains further samples, or where an obstacle moves.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -40,7 +41,8 @@ class ContinuousDistances:
             too fast between its samples, as in a run that diverged.
         within: distance up to which smallest distances are exact [m].
         tolerance: their tolerance [m].
-        curves: distances at samples, measured when they are asked for.
+        curves: function of indices of pairs (k,) that measures their distances (n, k) at the samples [m]; beyond
+            ``within`` lower bounds.
     """
 
     smallest: Float[Array, " k"]
@@ -49,36 +51,15 @@ class ContinuousDistances:
     uncertain: Bool[Array, " k"]
     within: float
     tolerance: float
-    curves: DistanceCurves = field(repr=False)
+    curves: Callable[[Int[Array, " k"]], Float[Array, "n k"]] = field(repr=False)
 
 
-@dataclass(frozen=True)
-class DistanceCurves:
-    """Distances of pairs at the samples of a motion, for pictures.
-
-    Attributes:
-        distances: pairs of a robot and its obstacles.
-        time: times (n,) of the samples [s].
-        q: configurations (n, nq).
-        within: distance up to which distances are exact [m].
-    """
-
-    distances: CollisionDistances
-    time: Float[Array, " n"]
-    q: Float[Array, "n nq"]
-    within: float
-
-    def of(self, pairs: Int[Array, " k"]) -> Float[Array, "n k"]:
-        """Distances (n, k) of pairs [m]; lower bounds beyond ``within``.
-
-        Args:
-            pairs: indices of the pairs.
-        """
-        chunks = [
-            _near(self.distances, self.distances.place(self.q[part], self.time[part]), pairs, self.within)[..., 0]
-            for part in _chunks(len(self.q), len(pairs))
-        ]
-        return np.concatenate(chunks)
+def _curves(
+    distances: CollisionDistances, time: Float[Array, " n"], q: Float[Array, "n nq"], within: float, pairs: Array
+) -> Float[Array, "n k"]:
+    """Distances of pairs at samples, for pictures."""
+    parts = _chunks(len(q), len(pairs))
+    return np.concatenate([_near(distances, distances.place(q[k], time[k]), pairs, within)[..., 0] for k in parts])
 
 
 def _chunks(places: int, pairs: int) -> Iterator[slice]:
@@ -143,7 +124,7 @@ def continuous_distances(
         >>> q = np.array([robot.configuration(), robot.configuration()])
         >>> q[1, 0] = 2.0  # through the wall between two samples
         >>> found = rnc.collision.continuous_distances(distances, np.array([0.0, 1.0]), q)
-        >>> bool(found.smallest.min() < 0.0 < found.curves.of(np.arange(len(distances.pairs))).min())
+        >>> bool(found.smallest.min() < 0.0 < found.curves(np.arange(len(distances.pairs))).min())
         True
     """
     time, q = np.asarray(time, dtype=float), np.asarray(q, dtype=float)
@@ -156,10 +137,10 @@ def continuous_distances(
         raise InputError(f"the tolerance of distances has to be positive, found {accuracy:g} m")
     chosen = np.arange(len(q)) if samples is None else np.asarray(samples, dtype=int)
     motion = SampledMotion(distances.robot.model, time, q, distances.obstacles)
-    curves = DistanceCurves(distances, time[chosen], q[chosen], within)
+    curves = partial(_curves, distances, time[chosen], q[chosen], within)
     # Not finer than coal measures: a search for more would not end.
     bounds = within, within if exact is None else exact, max(accuracy, _FINEST)
-    return _Search(distances, motion, chosen, *bounds).result(curves)
+    return _Search(distances, motion, chosen, *bounds).result(within, curves)
 
 
 def too_near(
@@ -218,14 +199,14 @@ class _Search:
         """Poses of all bodies at places."""
         return self._distances.place(self._motion.configurations(places), self._motion.times(places))
 
-    def result(self, curves: DistanceCurves) -> ContinuousDistances:
+    def result(self, within: float, curves: Callable[[Array], Array]) -> ContinuousDistances:
         """Smallest distances, after a first look at every few samples."""
         entries = self._refined(below=-np.inf)
         uncertain = np.zeros(len(self._best), dtype=bool)
         uncertain[entries.pair] = True
         unchanged = 1e-5  # [m]; range of distances of a pair that counts as constant
         kind = self._largest - self._best < unchanged, uncertain
-        return ContinuousDistances(self._best, self._best_time, *kind, curves.within, self._tolerance, curves)
+        return ContinuousDistances(self._best, self._best_time, *kind, within, self._tolerance, curves)
 
     def violation(self) -> int | None:
         """First pair that is found below its distance, or that stays uncertain; None for none."""

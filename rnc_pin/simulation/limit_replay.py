@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal, NamedTuple, get_args
@@ -112,7 +112,7 @@ class LimitReplay:
     excesses: np.ndarray
     within: float
     tolerance: float = 0.0
-    curves: collision.DistanceCurves | None = field(default=None, repr=False)
+    curves: Callable[[np.ndarray], np.ndarray] | None = field(default=None, repr=False)
     pairs: tuple[int, ...] = ()
 
     @cached_property
@@ -120,7 +120,7 @@ class LimitReplay:
         """Distances (N, k) of the pairs in ``clearances`` over time [m]. Beyond ``within`` they are lower bounds."""
         if self.curves is None:
             return np.zeros((len(self.time), 0))
-        return self.curves.of(np.array(self.pairs, dtype=int))
+        return self.curves(np.array(self.pairs, dtype=int))
 
     def __getstate__(self) -> dict[str, object]:
         """State with the curves themselves: what measures them takes long to build again."""

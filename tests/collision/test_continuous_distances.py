@@ -56,7 +56,7 @@ def test_few_samples_are_measured_where_bodies_are_far_or_slow():
     distances.place = lambda q, t: (placed.extend(t), place(q, t))[1]
     found = continuous_distances(distances, np.linspace(0.0, 3.0, 2001), q, within=0.5, exact=0.0)
     assert len(placed) < 400
-    every = found.curves.of(np.arange(len(distances.pairs))).min(axis=0)
+    every = found.curves(np.arange(len(distances.pairs))).min(axis=0)
     near = every < 0.5
     assert near.any()
     assert (found.smallest - every)[near].max() < found.tolerance
@@ -76,7 +76,7 @@ def test_a_wheel_that_spins_fast_beside_a_wall_is_certain():
     q[1, spun] = 1256.0
     found = continuous_distances(distances, np.array([0.0, 1.0]), q, within=1.0)
     assert not found.uncertain.any()
-    np.testing.assert_allclose(found.smallest, found.curves.of(np.arange(len(distances.pairs)))[0], atol=COAL)
+    np.testing.assert_allclose(found.smallest, found.curves(np.arange(len(distances.pairs)))[0], atol=COAL)
 
 
 def test_tolerance_follows_the_size_of_the_robot():
