@@ -18,7 +18,7 @@ import pinocchio as pin
 
 import rnc_pin as rnc
 from benchmarks.whole_body_peers import whole_body_peers
-from rnc_pin.applications.drive.commands import parse_command
+from rnc_pin.applications.drive.commands import LoggedCommand, parse_command
 from rnc_pin.applications.drive.preparation import prepare_drive, read_source
 from rnc_pin.applications.drive.run import DriveStatus, drive
 from rnc_pin.applications.scenario.scenario import Scenario
@@ -80,7 +80,7 @@ def driven() -> tuple[float, float]:
     reach = {"kind": "frame_goal", "frame": "arm_tool_link", "position": [1.0, 0.3, 0.8]}
     forward = {"kind": "base_velocity", "forward": 0.5, "turn": 0.2}
     for sample, message in ((0, reach), *((sample, forward) for sample in range(10, SAMPLES, 10))):
-        run.log.add(sample, [parse_command(message, run.controls)])
+        run.log.append(LoggedCommand(sample, parse_command(message, run.controls)))
     seen = _Times([])
     drive(run, samples=SAMPLES, watcher=seen)
     return (seen.used[-1] - seen.used[0]) / (SAMPLES - 1), run.scenario.experiment.simulation.dt

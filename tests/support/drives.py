@@ -39,7 +39,7 @@ class Watcher:
 
 def script(drive, commands):
     """Put commands into the log of a run."""
-    drive.log.commands += [LoggedCommand(at, parse_command(message, drive.controls)) for at, message in commands]
+    drive.log.extend(LoggedCommand(at, parse_command(message, drive.controls)) for at, message in commands)
 
 
 @contextmanager

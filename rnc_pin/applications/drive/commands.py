@@ -5,14 +5,14 @@ Commands come from a web page, so each number and name is checked.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
+from itertools import takewhile
 from typing import Annotated, ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
 from pydantic import Field
 
-from rnc_pin.applications.drive import commands as dc
-from rnc_pin.applications.drive.controls import FAR, DriveControls
+from rnc_pin.applications.drive.controls import FAR, GAINS, DriveControls
 from rnc_pin.errors import InputError, nearest, short_text
 from rnc_pin.io import Strict, validated
 
@@ -140,8 +140,8 @@ def _check_names(command: DriveCommand, controls: DriveControls) -> None:
             _known("joint", joint, controls.joints)
             controls.joints[joint].check(f"joint '{joint}'", position)
         case GainSetting(gain=gain, value=value):
-            _known("gain", gain, controls.gains)
-            controls.gains[gain].check(f"'{gain}'", value)
+            _known("gain", gain, GAINS)
+            GAINS[gain].check(f"'{gain}'", value)
         case BaseVelocity() | BaseGoal() | HoldBase():
             if controls.base is None:
                 raise InputError("the robot has no base to drive")
@@ -159,48 +159,26 @@ class LoggedCommand(NamedTuple):
     command: DriveCommand
 
 
-class CommandLog:
-    """Commands in the order of their samples."""
+def due_commands(log: Sequence[LoggedCommand], applied: int, sample: int) -> list[DriveCommand]:
+    """Return the commands after the first ``applied`` ones whose sample has come.
 
-    def __init__(self, commands: Iterable[LoggedCommand] = ()) -> None:
-        self.commands: list[LoggedCommand] = list(commands)
-
-    def add(self, sample: int, commands: Iterable[DriveCommand]) -> None:
-        """Add the commands of a sample."""
-        self.commands += [LoggedCommand(sample, command) for command in commands]
-
-    def due(self, applied: int, sample: int) -> list[DriveCommand]:
-        """Return the commands after the first ``applied`` ones whose sample has come."""
-        found = []
-        while applied < len(self.commands) and self.commands[applied].sample <= sample:
-            found.append(self.commands[applied].command)
-            applied += 1
-        return found
-
-
-def ends(commands: Iterable[DriveCommand]) -> bool:
-    """True if a command ends the run."""
-    return any(isinstance(each, EndRun) for each in commands)
+    Args:
+        log: commands in the order of their samples.
+        applied: number of commands that took effect before.
+        sample: the present sample.
+    """
+    return [each.command for each in takewhile(lambda each: each.sample <= sample, log[applied:])]
 
 
 LASTING = 0.5
 """Time for which a velocity command of the base counts [s]: a page that is closed stops the robot."""
 
-Point = tuple[float, float, float]
-
-
-class PlacedGoal(NamedTuple):
-    """Goal of a frame in the world: position [m], and orientation as a quaternion (x, y, z, w) or None."""
-
-    position: Point
-    orientation: tuple[float, float, float, float] | None
-
 
 class DriveGoals(NamedTuple):
     """Goals at one sample, by the names of the controls."""
 
-    frames: Mapping[str, PlacedGoal]
-    """Goals of the frames that have one."""
+    frames: Mapping[str, FrameGoal]
+    """Goals of the frames that have one: the last command for each."""
     posture: Mapping[str, float]
     """[rad or m]"""
     gains: Mapping[str, float]
@@ -221,11 +199,11 @@ def initial_goals(controls: DriveControls) -> DriveGoals:
     return DriveGoals(
         {},
         {name: each.start for name, each in controls.joints.items()},
-        {name: each.start for name, each in controls.gains.items()},
+        {name: each.start for name, each in GAINS.items()},
     )
 
 
-def with_command(goals: DriveGoals, command: dc.DriveCommand, t: float, posture: Mapping[str, float]) -> DriveGoals:
+def with_command(goals: DriveGoals, command: DriveCommand, t: float, posture: Mapping[str, float]) -> DriveGoals:
     """Return the goals after a command.
 
     Args:
@@ -235,21 +213,21 @@ def with_command(goals: DriveGoals, command: dc.DriveCommand, t: float, posture:
         posture: present positions of the joints of the posture.
     """
     match command:
-        case dc.FrameGoal(frame=frame, position=position, orientation=orientation):
-            return goals._replace(frames={**goals.frames, frame: PlacedGoal(position, orientation)})
-        case dc.ReleaseFrame(frame=frame):
+        case FrameGoal(frame=frame):
+            return goals._replace(frames={**goals.frames, frame: command})
+        case ReleaseFrame(frame=frame):
             return goals._replace(frames={name: goal for name, goal in goals.frames.items() if name != frame})
-        case dc.JointGoal(joint=joint, position=position):
+        case JointGoal(joint=joint, position=position):
             return goals._replace(posture={**goals.posture, joint: position})
-        case dc.GainSetting(gain=gain, value=value):
+        case GainSetting(gain=gain, value=value):
             return goals._replace(gains={**goals.gains, gain: value})
-        case dc.BaseVelocity(forward=forward, turn=turn, left=left):
+        case BaseVelocity(forward=forward, turn=turn, left=left):
             end = t + LASTING if (forward, left, turn) != (0.0, 0.0, 0.0) else t
             return goals._replace(velocity=(forward, left, turn), velocity_end=end, base_goal=None)
-        case dc.BaseGoal(x=x, y=y):
+        case BaseGoal(x=x, y=y):
             return goals._replace(base_goal=(x, y), velocity_end=t)
-        case dc.HoldBase(on=on):
+        case HoldBase(on=on):
             return goals._replace(hold_base=on)
-        case dc.StopMotion():
+        case StopMotion():
             return goals._replace(frames={}, posture=posture, velocity_end=t, base_goal=None)
     return goals

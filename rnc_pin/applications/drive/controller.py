@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.applications.drive.commands import CommandLog, DriveGoals, initial_goals, with_command
+from rnc_pin.applications.drive.commands import DriveGoals, LoggedCommand, due_commands, initial_goals, with_command
 from rnc_pin.applications.drive.controls import (
     ARRIVED,
     SLOWING,
@@ -26,7 +26,7 @@ from rnc_pin.applications.drive.controls import (
 from rnc_pin.control import Description, TrackerState, TwistController, VelocityTarget
 from rnc_pin.errors import few
 from rnc_pin.model import Measurement, ReducedModel, heading_of
-from rnc_pin.motion.whole_body import ControlSample, LimitReport, ProgramState, VelocityQP
+from rnc_pin.motion.whole_body import ControlSample, ProgramState, VelocityQP
 from rnc_pin.motion.whole_body.limits import AccelerationLimit, ControlLimit
 from rnc_pin.motion.whole_body.tasks import BoundTask, ControlTask, DampingTask, TaskRows
 from rnc_pin.verdict import Finding, FindingKind, Severity
@@ -251,7 +251,12 @@ class DriveController:
     """
 
     def __init__(
-        self, reduced: ReducedModel, controls: DriveControls, log: CommandLog, limits: Sequence[ControlLimit], dt: float
+        self,
+        reduced: ReducedModel,
+        controls: DriveControls,
+        log: Sequence[LoggedCommand],
+        limits: Sequence[ControlLimit],
+        dt: float,
     ) -> None:
         self.controls, self.log = controls, log
         self._reduced, self._dt = reduced, dt
@@ -297,7 +302,7 @@ class DriveController:
         """Apply the commands that are due, and solve the program."""
         posture = {name: float(joint.position(measurement.q)) for name, joint in self._joints.items()}
         goals, sample = state.goals, round(t / self._dt)
-        due = self.log.due(state.applied, sample)
+        due = due_commands(self.log, state.applied, sample)
         for command in due:
             goals = with_command(goals, command, t, posture)
         goals = self._settled(goals, t, measurement.q, posture)
@@ -319,10 +324,6 @@ class DriveController:
             message = f"at the end, collision avoidance holds the robot back: {few(held)}"
             found.append(Finding(FindingKind.CLEARANCE, "collision avoidance", None, "m", None, Severity.NOTE, message))
         return tuple(found)
-
-    def report(self, state: DriveState) -> LimitReport:
-        """Return the limits that are active, and those that gave way."""
-        return self.program.report(state.program)
 
     def _settled(self, goals: DriveGoals, t: float, q: np.ndarray, posture: Mapping[str, float]) -> DriveGoals:
         """Goals after the base has arrived; a joint that steers keeps the angle to which the user turned it."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -328,19 +328,17 @@ GAINS: dict[str, Range] = {
 
 @dataclass(frozen=True)
 class DriveControls:
-    """Frames, joints, base and gains that a user may set.
+    """Frames, joints and base that a user may move; ``GAINS`` has the gains and speeds.
 
     Attributes:
         frames: frames that can have a goal, with the axes (x, y, z) along which each can move.
         joints: joints of the posture, with their ranges [rad or m].
         base: the base; None if the robot cannot drive.
-        gains: gains and speeds.
     """
 
     frames: Mapping[str, tuple[bool, bool, bool]]
     joints: Mapping[str, Range]
     base: DrivenBase | None = None
-    gains: Mapping[str, Range] = field(default_factory=lambda: dict(GAINS))
 
 
 def find_controls(reduced: ReducedModel, q0: np.ndarray, frames: Sequence[str], joints: Sequence[str]) -> DriveControls:

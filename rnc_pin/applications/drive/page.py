@@ -7,7 +7,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from rnc_pin.applications.drive.controls import DriveControls, Range
+from rnc_pin.applications.drive.controls import GAINS, DriveControls, Range
 from rnc_pin.applications.drive.preparation import PreparedDrive
 from rnc_pin.applications.drive.run import CommandQueue, DriveStatus
 from rnc_pin.io import Json
@@ -109,6 +109,6 @@ def controls_entry(controls: DriveControls, ground: float) -> dict[str, Json]:
         "base": None if base is None else {"frame": base.frame, "slides": base.slides},
         "frames": {name: list(axes) for name, axes in controls.frames.items()},
         "joints": ranges(controls.joints),
-        "gains": ranges(controls.gains),
+        "gains": ranges(GAINS),
         "ground": ground,
     }

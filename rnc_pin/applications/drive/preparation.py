@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from rnc_pin.analysis import NormalForces
-from rnc_pin.applications.drive.commands import CommandLog
+from rnc_pin.applications.drive.commands import LoggedCommand
 from rnc_pin.applications.drive.controller import DriveController
 from rnc_pin.applications.drive.controls import DriveControls, base_frame, find_controls, find_pivots
 from rnc_pin.applications.init import DraftOptions, draft
@@ -37,18 +37,9 @@ _CONTROLLER: dict[str, Json] = {"type": "qp", "tracker": "computed_torque", "tas
 _STATES, _SPEED = 20, 0.5  # random states, and their largest reduced velocity, at which efforts are compared
 _SHARE, _NEEDED = 0.8, 0.01  # of an effort limit: what accelerations may use, and what counts
 _REPLACED = (
-    "task",
-    "planner",
-    "reference",
-    "comparisons",
-    "sweep",
-    "plots",
-    "variants",
-    "variant",
-    "presets",
-    "grip",
+    "task", "planner", "reference", "comparisons", "sweep", "plots", "variants", "variant", "presets", "grip",
     "preflight",
-)
+)  # fmt: skip
 _ALWAYS_REGULAR = ("frame_speed", "frame_yaw", "joint", "frame_angular_velocity")
 
 
@@ -65,7 +56,7 @@ class PreparedDrive:
 
     scenario: Scenario
     controls: DriveControls
-    log: CommandLog
+    log: list[LoggedCommand]
     controller: DriveController
 
 
@@ -122,7 +113,7 @@ def _driven(scenario: Scenario, frames: tuple[str, ...]) -> PreparedDrive:
     _check_drivable(scenario.name, experiment)
     reduced, settings = experiment.reduced, experiment.simulation
     joints = [name for name in reduced.reducing.names if name in reduced.robot.joint_names]
-    controls, log = find_controls(reduced, experiment.q0, frames, joints), CommandLog()
+    controls, log = find_controls(reduced, experiment.q0, frames, joints), list[LoggedCommand]()
     assert experiment.program is not None  # the controller of every driven scenario has one
     limits = _with_obstacles(experiment.program.limits, reduced, experiment)
     controller = DriveController(reduced, controls, log, limits, settings.dt)
@@ -270,9 +261,7 @@ def _check_drivable(name: str, experiment: Experiment) -> None:
     moved = 1e-6  # smallest singular value of R^T B, in rows of unit length, at which actuators move everything
     rank = int(np.linalg.matrix_rank(units, moved)) if matrix.size else 0
     if rank < reduced.r:
-        idle = [
-            each for each, row in zip(reduced.reducing.names, matrix, strict=True) if not np.abs(row).max(initial=0) > 0
-        ]
+        idle = [reduced.reducing.names[k] for k in np.flatnonzero(~matrix.any(axis=1))]
         which = f" (none moves {few(idle)})" if idle else ""
         raise ConfigurationError(
             f"{name}: cannot be driven by velocities: {reduced.r} independent velocities, but its actuators move only "

@@ -14,7 +14,14 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from rnc_pin.applications.drive.commands import DriveCommand, DriveGoals, command_target, ends, parse_command
+from rnc_pin.applications.drive.commands import (
+    DriveCommand,
+    DriveGoals,
+    EndRun,
+    LoggedCommand,
+    command_target,
+    parse_command,
+)
 from rnc_pin.applications.drive.controller import drive_state_of
 from rnc_pin.applications.drive.controls import DriveControls
 from rnc_pin.applications.drive.preparation import PreparedDrive
@@ -218,11 +225,11 @@ def drive(
                 if clock is not None:
                     clock.wait(run.time)
                 commands = [] if queue is None else queue.take()
-                prepared.log.add(sample, commands)
+                prepared.log.extend(LoggedCommand(sample, command) for command in commands)
                 found = run.sample(progress)
                 if observe is not None:
                     observe(found)
-                if ends(commands) or sample + 1 == samples:
+                if any(isinstance(each, EndRun) for each in commands) or sample + 1 == samples:
                     break
                 run.advance()
             return run.failure
@@ -263,7 +270,7 @@ def _observer(
                 sample.time,
                 1.0 if clock is None else clock.factor,
                 state.goals,
-                prepared.controller.report(state),
+                prepared.controller.program.report(state.program),
                 goal_distances(controls, state.goals, points),
                 "" if queue is None else queue.refused,
             )

@@ -96,7 +96,7 @@ def test_a_user_drives_from_a_real_browser(browser):
         # A click on the ground: the page computes the point, the run says where it went.
         page.mouse.click(420, 430)
         assert eventually(lambda: [kind for kind, _ in kinds(drive_)][-1:] == ["base_goal"])
-        wanted = drive_.log.commands[-1].command
+        wanted = drive_.log[-1].command
         eye = "[viewer.camera.position.x, -viewer.camera.position.z, viewer.camera.position.y]"
         assert np.linalg.norm(np.array([wanted.x, wanted.y]) - page.evaluate(eye)[:2]) < 20.0
         page.keyboard.press("Space")
@@ -117,13 +117,13 @@ def test_a_user_drives_from_a_real_browser(browser):
         page.click("#drive button.stop", timeout=1000 * PATIENCE)
         assert eventually(lambda: kinds(drive_)[-1][0] == "stop")
         # Whatever a page sends, the run checks: the refusal is shown, and nothing moves by it.
-        count = len(drive_.log.commands)
+        count = len(drive_.log)
         page.evaluate("drive_command({kind: 'base_goal', x: 1e9, y: 0})")
         page.wait_for_function(
             "[...document.querySelectorAll('#messages li')].some(each => each.textContent.startsWith('refused'))",
             timeout=1000 * PATIENCE,
         )
-        assert len(drive_.log.commands) == count
+        assert len(drive_.log) == count
         assert page.evaluate("document.querySelector('#drive .factor').textContent").endswith(" x")
         page.click("text=End run")
         assert eventually(lambda: results)
@@ -141,7 +141,7 @@ def test_a_user_drives_from_a_real_browser(browser):
 
 def kinds(run_):
     """Kind and first number of the logged commands."""
-    commands = [each.command for each in run_.log.commands]
+    commands = [each.command for each in run_.log]
     return [(each.kind, next((value for _, value in each if isinstance(value, float)), None)) for each in commands]
 
 

@@ -1,6 +1,6 @@
 """The queue of a page, and the log of its commands."""
 
-from rnc_pin.applications.drive.commands import CommandLog, EndRun, JointGoal, LoggedCommand, StopMotion, ends
+from rnc_pin.applications.drive.commands import JointGoal, LoggedCommand, StopMotion, due_commands
 from rnc_pin.applications.drive.controls import DriveControls, Range
 from rnc_pin.applications.drive.run import CommandQueue
 
@@ -33,8 +33,7 @@ def test_the_queue_is_bounded_and_says_what_it_refuses():
 
 
 def test_commands_are_due_once_at_their_sample():
-    log = CommandLog([LoggedCommand(3, StopMotion()), LoggedCommand(5, JointGoal(joint="j0", position=0.1))])
-    assert (log.due(0, 2), log.due(0, 4)) == ([], [StopMotion()])
-    assert (log.due(1, 5), log.due(2, 9)) == ([JointGoal(joint="j0", position=0.1)], [])
-    assert ends([StopMotion(), EndRun()])
-    assert not ends([StopMotion()])
+    goal = JointGoal(joint="j0", position=0.1)
+    log = [LoggedCommand(3, StopMotion()), LoggedCommand(5, goal)]
+    found = [due_commands(log, *at) for at in ((0, 2), (0, 4), (1, 5), (2, 9))]
+    assert found == [[], [StopMotion()], [goal], []]

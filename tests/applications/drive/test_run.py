@@ -11,7 +11,7 @@ import pytest
 import rnc_pin as rnc
 from driven_bases import drafted_file, tricycle
 from drives import Watcher, point_of, pose_of, prepared, reduced_of
-from rnc_pin.applications.drive.commands import PlacedGoal, initial_goals
+from rnc_pin.applications.drive.commands import FrameGoal, initial_goals
 from rnc_pin.applications.drive.controls import DriveControls, DrivenBase
 from rnc_pin.applications.drive.run import CommandQueue, DriveStatus, drive, goal_distances
 from rnc_pin.motion.whole_body import LimitReport
@@ -281,11 +281,11 @@ def test_commands_of_a_queue_are_logged_at_their_sample_and_give_the_same_motion
             assert queue.put(command)
 
     result = drive(live, queue, watcher=SimpleNamespace(show=show))
-    assert [each.sample for each in live.log.commands] == [11, 91]
+    assert [each.sample for each in live.log] == [11, 91]
     assert result.trajectory.outcome is rnc.Outcome.COMPLETED
     assert len(result.trajectory.time) == 92
     again = manipulator()
-    again.log.commands[:] = live.log.commands
+    again.log[:] = live.log
     repeated = drive(again, samples=92).trajectory
     assert np.array_equal(result.trajectory.q, repeated.q)
     assert np.array_equal(result.trajectory.T, repeated.T)
@@ -342,7 +342,7 @@ def test_limits_that_gave_way_come_first_and_accelerations_are_counted():
 
 
 def test_distances_count_the_axes_along_which_a_frame_moves():
-    wanted = GOALS._replace(frames={"tip": PlacedGoal((1.0, 0.0, 9.0), None)}, base_goal=(5.0, 0.0))
+    wanted = GOALS._replace(frames={"tip": FrameGoal(frame="tip", position=(1.0, 0.0, 9.0))}, base_goal=(5.0, 0.0))
     points = {"tip": np.array([0.5, 0.0, 0.0]), "base": np.array([0.0, 0.0, 0.3])}
     assert goal_distances(CONTROLS, wanted, points) == {"tip": 0.5, "base": 5.0}
     assert goal_distances(CONTROLS, wanted, {**points, "tip": np.array([0.995, 0.0, 0.0])}) == {"base": 5.0}
