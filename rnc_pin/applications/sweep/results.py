@@ -18,8 +18,9 @@ from contextlib import ExitStack, contextmanager
 from functools import partial
 from io import BufferedRandom
 from itertools import islice
+from operator import itemgetter
 from pathlib import Path
-from typing import Any, TypeAlias, TypedDict, TypeGuard, cast
+from typing import Any, TypeAlias, TypedDict, TypeGuard
 
 import numpy as np
 
@@ -200,14 +201,9 @@ def _is_specification(content: object) -> TypeGuard[Specification]:
     if not isinstance(content, dict) or type(content.get("runs", "")) not in (int, type(None)):
         return False
     draws = content.get("draws") or {"seed": 0, "distributions": {}}
-    if (
-        not isinstance(draws, dict)
-        or type(draws.get("seed")) is not int
-        or type(draws.get("distributions")) is not dict
-    ):
-        return False
+    given = [type(draws.get(key)) for key in ("seed", "distributions")] if isinstance(draws, dict) else []
     of_scenario = isinstance(content.get("scenario"), str) and isinstance(content.get("options"), dict)
-    return of_scenario or isinstance(content.get("build"), str)
+    return given == [int, dict] and (of_scenario or isinstance(content.get("build"), str))
 
 
 # ------------------------------------------------------------------ folder
@@ -329,13 +325,12 @@ class SweepResults(SummaryMixin):
         if found is None:
             raise ConfigurationError(f"{self.path}: holds no sweep")
         self.specification: Specification = found
-        rows = {row["run"]: row for row in read_rows(self.path, found)}
-        ordered = [rows[run] for run in sorted(rows)]
-        self.columns = list(dict.fromkeys(name for row in ordered for name in row))
-        self._values: dict[str, list[Any]] = {name: [row.get(name) for row in ordered] for name in self.columns}
+        # Runs finish in any order, and a sweep that continues appends: readers want the order of the runs.
+        self._rows = sorted(read_rows(self.path, found), key=itemgetter("run"))
+        self.columns = list(dict.fromkeys(name for row in self._rows for name in row))
 
     def __len__(self) -> int:
-        return len(self._values.get("run", ()))
+        return len(self._rows)
 
     @property
     def complete(self) -> bool:
@@ -353,9 +348,9 @@ class SweepResults(SummaryMixin):
         return [name for name in self.columns if not is_result_column(name)]
 
     def __getitem__(self, column: str) -> np.ndarray:
-        if column not in self._values:
+        if column not in self.columns:
             raise InputError(f"no column '{column}'{nearest(column, self.columns)}")
-        values = self._values[column]
+        values = [row.get(column) for row in self._rows]
         kinds = {type(value) for value in values}
         if kinds in ({int}, {bool}):
             return np.array(values)
@@ -366,10 +361,7 @@ class SweepResults(SummaryMixin):
 
     def rows(self) -> Iterator[Row]:
         """Yield runs as mappings by column; missing values are None."""
-        return (self._row(place) for place in range(len(self)))
-
-    def _row(self, place: int) -> Row:
-        return {name: values[place] for name, values in self._values.items()}
+        return ({name: row.get(name) for name in self.columns} for row in self._rows)
 
     def failures(self) -> Iterator[Row]:
         """Runs that did not succeed."""
@@ -378,13 +370,12 @@ class SweepResults(SummaryMixin):
     @property
     def outcomes(self) -> dict[str, int]:
         """Number of runs by outcome, such as "completed"."""
-        return dict(sorted(Counter(self._values.get("outcome", ())).items()))
+        return dict(sorted(Counter(row["outcome"] for row in self._rows).items()))
 
     @property
     def verdicts(self) -> dict[str, int]:
         """Number of runs by verdict: "succeeded", "degraded", and of the others by the kind of their first failure."""
-        pairs = zip(self._values.get("verdict", ()), self._values.get("finding", ()), strict=True)
-        found = Counter(finding if verdict == "failed" else verdict for verdict, finding in pairs)
+        found = Counter(row["finding"] if row["verdict"] == "failed" else row["verdict"] for row in self._rows)
         first = [name for name in SUCCESSFUL if name in found]
         return {name: found[name] for name in (*first, *sorted(set(found) - set(first)))}
 
@@ -397,10 +388,10 @@ class SweepResults(SummaryMixin):
         Raises:
             InputError: the run is not finished, or there is no such run.
         """
-        numbers = self._values.get("run", [])
-        if run not in numbers:
+        found = next((row for row in self._rows if row["run"] == run), None)
+        if found is None:
             raise InputError(f"no finished run {run} in {self.path}")
-        return {name: value for name, value in self._row(numbers.index(run)).items() if value is not None}
+        return {name: value for name, value in found.items() if value is not None}
 
     def draw(self, run: int) -> dict[str, Json]:
         """Return the drawn values of a run.
@@ -434,9 +425,9 @@ class SweepResults(SummaryMixin):
             path: the file.
         """
         with atomic_file(Path(path)) as partial, partial.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(self.columns)
-            writer.writerows(zip(*self._values.values(), strict=True))
+            writer = csv.DictWriter(file, self.columns)
+            writer.writeheader()
+            writer.writerows(self._rows)
 
     def _summary(self) -> ObjectSummary:
         found = sweep_statistics(self)
@@ -448,8 +439,7 @@ class SweepResults(SummaryMixin):
         if found["redrawn"]:
             lines.append(("infeasible draws", [Item(f"{found['redrawn']} were drawn again")]))
         for name, error in found["final_error"].items():
-            figures = [Item(f"{kind} {value:.2e}") for kind, value in cast("dict[str, float]", error).items()]
-            lines.append((f"final error of {name}", figures))
+            lines.append((f"final error of {name}", [Item(f"{kind} {value:.2e}") for kind, value in error.items()]))
         failed = sum(count for name, count in found["verdicts"].items() if name not in SUCCESSFUL)
         headline = f"{failed} failed of {counted(len(self), 'run')}" if failed else counted(len(self), "run")
         return ObjectSummary(f"SweepResults: {headline} of {self.of}", lines)
@@ -477,10 +467,6 @@ def load_sweep(path: str | Path) -> SweepResults:
 # ------------------------------------------------------------------ reports
 
 
-ErrorStatistics = TypedDict("ErrorStatistics", {"median": float, "95 %": float, "max": float})
-"""Statistics of the final errors of one output."""
-
-
 class SweepStatistics(TypedDict):
     """Outcomes and verdicts of a sweep, and final errors of the completed runs by output."""
 
@@ -488,7 +474,8 @@ class SweepStatistics(TypedDict):
     redrawn: int
     outcomes: dict[str, int]
     verdicts: dict[str, int]
-    final_error: dict[str, ErrorStatistics]
+    final_error: dict[str, dict[str, float]]
+    """By output: median, 95 % and max."""
 
 
 def sweep_statistics(results: SweepResults) -> SweepStatistics:
@@ -497,7 +484,7 @@ def sweep_statistics(results: SweepResults) -> SweepStatistics:
     Args:
         results: the sweep, finished or not.
     """
-    errors: dict[str, ErrorStatistics] = {}
+    errors: dict[str, dict[str, float]] = {}
     for name in results.columns:
         if name.startswith("final_error."):
             values = _numbers(results, name)[results["outcome"] == "completed"]

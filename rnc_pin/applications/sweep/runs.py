@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -235,17 +235,14 @@ class Runs(ABC):
             draw: its given values; None draws them by the number of the run.
         """
         start = time.perf_counter()
+        draws = iter([draw]) if draw is not None else cast(SeededDraws, self.draws).of_run(run)
         with np.errstate(over="ignore", invalid="ignore"):  # diverged values
-            row = self._row(run, [draw] if draw is not None else self._drawn(run))
+            row = self._row(run, draws)
         return {"run": run, **row, "wall_time": time.perf_counter() - start}
 
     @abstractmethod
-    def _row(self, run: int, draws: Iterable[Draw]) -> Row:
+    def _row(self, run: int, draws: Iterator[Draw]) -> Row:
         """Drawn values and results of a run, whose draws are tried one after the other."""
-
-    def _drawn(self, run: int) -> Iterator[Draw]:
-        assert self.draws is not None
-        return self.draws.of_run(run)
 
 
 def _judged(trajectory: Trajectory, summary: Summary) -> Row:
@@ -271,8 +268,8 @@ class FunctionRuns(Runs):
         super().__init__(draws)
         self._build = build
 
-    def _row(self, run: int, draws: Iterable[Draw]) -> Row:
-        draw = next(iter(draws))
+    def _row(self, run: int, draws: Iterator[Draw]) -> Row:
+        draw = next(draws)
         row = to_json_mapping(draw, f"draws: run {run}")
         try:
             trajectory = _simulated(self._build(dict(draw)))
@@ -359,7 +356,7 @@ class ScenarioRuns(Runs):
             options["seed"] = int(np.random.SeedSequence([self._seed, run]).generate_state(1)[0])
         return options
 
-    def _row(self, run: int, draws: Iterable[Draw]) -> Row:
+    def _row(self, run: int, draws: Iterator[Draw]) -> Row:
         for redrawn, drawn in enumerate(islice(draws, MOST_DRAWS)):
             options = self.options_of(run, drawn)
             row = {**drawn, "seed": options["seed"], "redrawn": redrawn}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from itertools import islice
 from pathlib import Path
-from typing import TypedDict, Unpack
 
 import click
 from rich.console import Console
@@ -13,21 +12,14 @@ from rnc_pin.applications.command_line.messages import DONE, FAILED, complain, p
 from rnc_pin.applications.command_line.report import ProgressBar, print_object
 from rnc_pin.applications.scenario.files import parse_options
 from rnc_pin.applications.sweep import SweepResults, sweep
-from rnc_pin.applications.sweep.results import SUCCESSFUL, SweepStatistics, failure_lines, sweep_statistics
+from rnc_pin.applications.sweep.results import SUCCESSFUL, failure_lines, sweep_statistics
 from rnc_pin.errors import SimulationError
 
 _SHOWN = 5  # failures on the terminal
 
 
-class _Passed(TypedDict):
-    """Options that ``sweep`` takes as they are."""
-
-    jobs: int | str
-    force: bool
-
-
 def sweep_scenario(
-    scenario: str, runs: int, out: Path, options: tuple[str, ...], as_json: bool, **passed: Unpack[_Passed]
+    scenario: str, runs: int, out: Path, options: tuple[str, ...], jobs: int | str, as_json: bool, force: bool
 ) -> int:
     """Run a scenario many times with drawn values, write a data set and return the exit status.
 
@@ -36,8 +28,9 @@ def sweep_scenario(
         runs: number of runs.
         out: folder of the results.
         options: options in the form ``a.b=c``.
+        jobs: number of processes, or the address of a Dask scheduler.
         as_json: True to print JSON.
-        **passed: options that ``sweep`` takes as they are.
+        force: True to replace another sweep.
     """
     chosen = parse_options(options)
     bar = ProgressBar(Console(stderr=True), runs, f"{scenario} x {runs}", quiet=as_json)
@@ -53,25 +46,22 @@ def sweep_scenario(
                 reached = done
                 advance(done, f"{scenario}: {done} of {runs} runs")
 
-            results = sweep(scenario, runs, out=out, options=chosen, progress=progress, **passed)
+            results = sweep(scenario, runs, out=out, options=chosen, jobs=jobs, progress=progress, force=force)
     except KeyboardInterrupt:
         complain(f"interrupted after {reached} of {runs} runs, which are in {out}; the same command continues")
         return FAILED
     except SimulationError as error:
         complain(str(error))
         return FAILED
-    figures: SweepStatistics = sweep_statistics(results)
+    figures = sweep_statistics(results)
+    succeeded = sum(figures["verdicts"].get(word, 0) for word in SUCCESSFUL)
     if as_json:
         print_json({"scenario": results.specification["scenario"], **figures})
     else:
         print_object(results, f"{scenario}: {len(results)} runs")
         click.echo(f"in {out}: runs.jsonl, sweep.json")
-        _print_failures(results, runs - _succeeded(figures))
-    return DONE if _succeeded(figures) == runs else FAILED
-
-
-def _succeeded(figures: SweepStatistics) -> int:
-    return sum(figures["verdicts"].get(word, 0) for word in SUCCESSFUL)
+        _print_failures(results, runs - succeeded)
+    return DONE if succeeded == runs else FAILED
 
 
 def _print_failures(results: SweepResults, count: int) -> None:
