@@ -211,7 +211,10 @@ Numbers = Annotated[Sequence[float], Len(1)]
 """One or more numbers."""
 
 
-_BOUNDS = {"gt": ("above", operator.gt), "ge": ("at least", operator.ge), "lt": ("below", operator.lt)}
+_BOUNDS = {
+    "gt": ("above", operator.gt), "ge": ("at least", operator.ge), "lt": ("below", operator.lt),
+    "le": ("at most", operator.le),
+}  # fmt: skip
 
 
 def is_number(value: object) -> TypeGuard[float]:
@@ -240,7 +243,7 @@ def is_count(value: object, least: int = 0) -> TypeGuard[int]:
 def check_settings(settings: object) -> None:
     """Raise an error unless the attributes of an object are finite and within the bounds of their annotated types.
 
-    None is valid. Attributes whose type is an integer with bounds have to be integers.
+    None is valid where the type has it. Attributes whose type is an integer with bounds have to be integers.
 
     Args:
         settings: object with annotated attributes.
@@ -253,8 +256,9 @@ def check_settings(settings: object) -> None:
         # Bounds stand in the annotations, as ``Annotated[float, Gt(0)]``.
         marks = [mark for each in annotated for mark in getattr(each, "__metadata__", ())]
         bounds = [(*_BOUNDS[kind], getattr(mark, kind)) for mark in marks for kind in _BOUNDS if hasattr(mark, kind)]
-        valid = value is None or not bounds or (is_number(value) and (int not in annotated or is_count(value)))
-        if not (valid and all(value is None or holds(value, bound) for _, holds, bound in bounds)):
+        unset = value is None and type(None) in annotated
+        valid = unset or not bounds or (is_number(value) and (int not in annotated or is_count(value)))
+        if not (valid and all(unset or holds(value, bound) for _, holds, bound in bounds)):
             words = " and ".join(f"{word} {bound}" for word, _, bound in bounds)
             what = "an integer, " if int in annotated else ""
             raise ConfigurationError(f"{name} of {type(settings).__name__} has to be {what}{words}, found {value!r}")

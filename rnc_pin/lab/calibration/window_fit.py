@@ -174,55 +174,6 @@ class Fit:
         return root * self.residuals.ravel(order="F"), (root * J.T).T
 
 
-def aligned(poses: Array, slopes: Array, measured: Array, windows: Windows, previous: Fit | None, heading: bool) -> Fit:
-    """Fit of predicted poses (M, 3), with the best first pose of each window for the weights of the previous fit.
-
-    Args:
-        poses: predicted poses (M, 3).
-        slopes: their derivatives (M, 3, P).
-        measured: measured poses (M, 3).
-        windows: windows of the samples.
-        previous: fit with the weights; None for equal ones.
-        heading: True if headings are measured.
-    """
-    count = len(poses)
-    deviations = np.ones(2) if previous is None else previous.deviations
-    weights = np.ones((count, 2)) if previous is None else previous.weights
-    w = weights / deviations**2 * [1.0, float(heading)]
-    turn, shift = _first_poses(poses, measured, windows, w)
-    at = windows.number
-    cosine, sine = np.cos(turn)[at], np.sin(turn)[at]
-    moved = rotated(turn[at], poses[:, :2])
-    residuals = np.empty((count, 3), order="F")
-    residuals[:, :2] = moved + shift[at] - measured[:, :2]
-    residuals[:, 2] = poses[:, 2] + turn[at] - measured[:, 2] if heading else 0.0
-    size = slopes.shape[2]
-    J = np.empty((count, 3, size), order="F")
-    if size:
-        away, of_position, of_heading = sideways(moved), np.ascontiguousarray(w[:, 0]), np.ascontiguousarray(w[:, 1])
-        # Weighted sums over products of derivatives with respect to the first pose: x, y and turn.
-        pushed = of_position[:, None] * away
-        total, cross = windows.sums(of_position), windows.sums(pushed)
-        normal = np.zeros((windows.count, 3, 3))
-        normal[:, 0, 0] = normal[:, 1, 1] = total
-        normal[:, :2, 2] = normal[:, 2, :2] = cross
-        normal[:, 2, 2] = windows.sums(np.sum(pushed * away, axis=1) + of_heading)
-        # Not by solve: without headings, a window whose base stands still does not determine its first turn.
-        inverse = np.linalg.pinv(normal, hermitian=True)
-    for k in range(size):
-        dx, dy, turned = slopes[:, 0, k], slopes[:, 1, k], slopes[:, 2, k]
-        x, y = cosine * dx - sine * dy, sine * dx + cosine * dy
-        sums = np.stack([
-            windows.sums(of_position * x), windows.sums(of_position * y),
-            windows.sums(pushed[:, 0] * x + pushed[:, 1] * y + of_heading * turned),
-        ], axis=1)  # fmt: skip
-        first = (inverse @ sums[:, :, None])[at, :, 0]
-        J[:, 0, k] = x - first[:, 0] - away[:, 0] * first[:, 2]
-        J[:, 1, k] = y - first[:, 1] - away[:, 1] * first[:, 2]
-        J[:, 2, k] = turned - first[:, 2] if heading else 0.0
-    return Fit(residuals, J, weights, deviations)
-
-
 def _first_poses(poses: Array, measured: Array, windows: Windows, w: Array) -> tuple[Array, Array]:
     """Rotation (windows,) and shift (windows, 2) that bring predicted poses to measured ones, for weights (M, 2)."""
     total = windows.sums(w[:, :1])
@@ -340,7 +291,46 @@ class WindowFit:
         return self._settled(poses, slopes, self._aligned(poses, slopes[:, :, :0], None))
 
     def _aligned(self, poses: Array, slopes: Array, previous: Fit | None) -> Fit:
-        return aligned(poses, slopes, self._measured, self._windows, previous, self._heading)
+        """Fit of predicted poses (M, 3) and their derivatives (M, 3, P), for the weights of the previous fit.
+
+        Without one, weights are equal. Each window has the first pose that is best for these weights.
+        """
+        count, measured, windows, heading = len(poses), self._measured, self._windows, self._heading
+        deviations = np.ones(2) if previous is None else previous.deviations
+        weights = np.ones((count, 2)) if previous is None else previous.weights
+        w = weights / deviations**2 * [1.0, float(heading)]
+        turn, shift = _first_poses(poses, measured, windows, w)
+        at = windows.number
+        cosine, sine = np.cos(turn)[at], np.sin(turn)[at]
+        moved = rotated(turn[at], poses[:, :2])
+        residuals = np.empty((count, 3), order="F")
+        residuals[:, :2] = moved + shift[at] - measured[:, :2]
+        residuals[:, 2] = poses[:, 2] + turn[at] - measured[:, 2] if heading else 0.0
+        size = slopes.shape[2]
+        J = np.empty((count, 3, size), order="F")
+        if size:
+            away, (of_position, of_heading) = sideways(moved), np.ascontiguousarray(w.T)
+            # Weighted sums over products of derivatives with respect to the first pose: x, y and turn.
+            pushed = of_position[:, None] * away
+            total, cross = windows.sums(of_position), windows.sums(pushed)
+            normal = np.zeros((windows.count, 3, 3))
+            normal[:, 0, 0] = normal[:, 1, 1] = total
+            normal[:, :2, 2] = normal[:, 2, :2] = cross
+            normal[:, 2, 2] = windows.sums(np.sum(pushed * away, axis=1) + of_heading)
+            # Not by solve: without headings, a window whose base stands still does not determine its first turn.
+            inverse = np.linalg.pinv(normal, hermitian=True)
+        for k in range(size):
+            dx, dy, turned = slopes[:, 0, k], slopes[:, 1, k], slopes[:, 2, k]
+            x, y = cosine * dx - sine * dy, sine * dx + cosine * dy
+            sums = np.stack([
+                windows.sums(of_position * x), windows.sums(of_position * y),
+                windows.sums(pushed[:, 0] * x + pushed[:, 1] * y + of_heading * turned),
+            ], axis=1)  # fmt: skip
+            first = (inverse @ sums[:, :, None])[at, :, 0]
+            J[:, 0, k] = x - first[:, 0] - away[:, 0] * first[:, 2]
+            J[:, 1, k] = y - first[:, 1] - away[:, 1] * first[:, 2]
+            J[:, 2, k] = turned - first[:, 2] if heading else 0.0
+        return Fit(residuals, J, weights, deviations)
 
     def _settled(self, poses: Array, slopes: Array, fit: Fit, previous: Array | None = None) -> Fit:
         """The fit with first poses that are best for the weights of its residuals.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import partial
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -474,20 +474,6 @@ class ContactModes:
         return all(self._contacts[number].gap_acceleration(at, v_dot) >= -limit for number in others)
 
 
-class EventStep(Protocol):
-    """Step of a plant under constant inputs, to whose instants the plant can move."""
-
-    dt: float
-    """Duration of the step [s]."""
-
-    def move_to(self, elapsed: float) -> None:
-        """Move the plant to a time after the start of the step [s].
-
-        Args:
-            elapsed: time after the start [s].
-        """
-
-
 class ReducedStep:
     """Step of a ``ReducedPlant``.
 
@@ -514,6 +500,10 @@ class ReducedStep:
         self._plant.rollback(self._end if elapsed == self.dt else self._start)
         if 0.0 < elapsed < self.dt:
             self._plant.advance_part(elapsed, self._steps)
+
+
+EventStep = ReducedStep | SlidingStep
+"""Step of a plant under constant inputs, to whose instants the plant can move."""
 
 
 class Watched(NamedTuple):

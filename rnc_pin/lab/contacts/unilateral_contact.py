@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from annotated_types import Ge, Le
 
 from rnc_pin.constraints import GroundPlane
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.model.input_validation import NotNegative, is_number
+from rnc_pin.model.input_validation import NotNegative, check_settings
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics, VelocityKinematics
 from rnc_pin.model.rows import ConstraintKind
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -48,18 +49,12 @@ class UnilateralContact:
     """
 
     constraint: ConstraintKind
-    restitution: float = 0.0
+    restitution: Annotated[float, Ge(0), Le(1)] = 0.0
     rest_speed: NotNegative = 0.01
     friction: NotNegative | None = None
 
     def __post_init__(self) -> None:
-        for name in ("restitution", "rest_speed", "friction"):
-            value, most = getattr(self, name), 1.0 if name == "restitution" else np.inf
-            if name == "friction" and value is None:
-                continue
-            if not (is_number(value) and 0.0 <= value <= most):
-                limit = "a number from 0 to 1" if most == 1.0 else "a number that is not negative"
-                raise ConfigurationError(f"{name} of a contact: expected {limit}, found {value!r}")
+        check_settings(self)
 
 
 class BoundContact:

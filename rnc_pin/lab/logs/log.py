@@ -5,7 +5,8 @@ from __future__ import annotations
 import io
 import itertools
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -320,9 +321,7 @@ def _channels(path: Path, mapping: LogMapping, time: Array, numbers: Mapping[Pla
 def _read_text(path: Path, mapping: LogMapping, places: Sequence[Place]) -> list[Array]:
     separators = {"comma": ",", "semicolon": ";", "tab": "\t", "space": None}  # None is any number of blanks
     separator = separators[mapping.separator]
-    header = mapping.header
-    if header is None:
-        header = any(isinstance(place, str) for place in places)
+    header = any(isinstance(place, str) for place in places) if mapping.header is None else mapping.header
     try:
         with open_regular(path) as binary, io.TextIOWrapper(binary, encoding="utf-8-sig") as file:
             # Lazily: a table may be larger than the memory that its numbers need.
@@ -354,27 +353,20 @@ def _number(path: Path, place: Place, names: Sequence[str]) -> int:
 def _numbers(path: Path, lines: Iterator[str], separator: str | None, comment: str, wanted: list[int]) -> list[Array]:
     """Columns of text lines. Empty fields are NaN; only blocks of lines that have some are read slowly."""
     blocks, start = [], 0
+    read = partial(np.loadtxt, delimiter=separator, comments=comment, usecols=wanted, ndmin=2, quotechar='"')
     # Blocks, so that one empty field does not make the whole table slow.
     while block := list(itertools.islice(lines, 100_000)):
         try:
-            blocks.append(_block(block, separator, comment, wanted, None))
+            blocks.append(read(block))
         except ValueError:
             try:
-                blocks.append(_block(block, separator, comment, wanted, _field))
+                blocks.append(read(block, converters=_field))
             except ValueError as error:
                 raise ConfigurationError(f"{path}: {_explained(str(error), start)}") from None
         start += len(block)
     if not blocks:
         raise ConfigurationError(f"{path}: has no lines with numbers")
     return list(np.concatenate(blocks).T)
-
-
-def _block(
-    lines: list[str], separator: str | None, comment: str, wanted: list[int], converter: Callable[[str], float] | None
-) -> Array:
-    return np.loadtxt(
-        lines, delimiter=separator, comments=comment, usecols=wanted, ndmin=2, quotechar='"', converters=converter
-    )
 
 
 def _field(text: str) -> float:

@@ -53,9 +53,6 @@ class BodyTree:
         self._planned: list[tuple[str, Callable[[int, int], joint_coordinates.JointCoordinates]]] = []
         """Name of the first MuJoCo joint of a joint, and its conversion as a function of the indices in MuJoCo."""
         spec.compiler.degree = False
-        # Inertias of the file may violate the triangle inequality, which the compiler would refuse.
-        spec.compiler.balanceinertia = True
-        spec.compiler.boundmass = spec.compiler.boundinertia = _PLACEHOLDER_MASS
         spec.option.gravity = robot.model.gravity.linear
         self.bodies: list[mujoco.MjsBody] = [spec.worldbody]
         """One body per joint of the model; the world is first."""
@@ -97,7 +94,11 @@ class BodyTree:
                 raise ConfigurationError(
                     f"MuJoCo has no joint like '{name}' ({kind}): expected a hinge, slide, ball, planar or free base"
                 )
-        _weigh(body, model.inertias[index])
+        inertia = model.inertias[index]
+        _, axes = np.linalg.eigh(inertia.inertia)
+        # A rotation and not a reflection, which no quaternion describes.
+        axes[:, 0] *= np.sign(np.linalg.det(axes))
+        body.ipos, body.iquat = inertia.lever, _quaternion(axes)
         return body
 
     def _add_single(self, body: mujoco.MjsBody, single: _Single, joint: pin.JointModel, number: int, name: str) -> None:
@@ -137,7 +138,10 @@ class BodyTree:
     def finish(
         self, model: mujoco.MjModel, data: mujoco.MjData, damping: bool
     ) -> list[joint_coordinates.JointCoordinates]:
-        """Set what a specification lacks in a compiled model: zero masses, rotor inertias, damping per axis.
+        """Set what a specification lacks in a compiled model: inertias, rotor inertias, damping per axis.
+
+        The compiler sees placeholders. It refuses bodies without mass, and moments that violate the triangle
+        inequality.
 
         Args:
             model: compiled model.
@@ -208,15 +212,6 @@ def _body(parent: mujoco.MjsBody, placement: pin.SE3, name: str) -> mujoco.MjsBo
 def _move(body: mujoco.MjsBody, name: str, slides: bool, axis: np.ndarray) -> mujoco.MjsJoint:
     kind = mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE
     return body.add_joint(name=name, type=kind, axis=axis)
-
-
-def _weigh(body: mujoco.MjsBody, inertia: pin.Inertia) -> None:
-    moments, axes = np.linalg.eigh(inertia.inertia)
-    if np.linalg.det(axes) < 0:
-        # A rotation and not a reflection, which no quaternion describes.
-        axes[:, 0] *= -1
-    body.mass, body.ipos, body.iquat = inertia.mass, inertia.lever, _quaternion(axes)
-    body.inertia = moments
 
 
 def _quaternion(rotation: np.ndarray) -> np.ndarray:

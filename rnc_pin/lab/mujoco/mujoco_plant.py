@@ -17,13 +17,13 @@ import pinocchio as pin
 import scipy
 
 from rnc_pin.array_shapes import Array, Float
-from rnc_pin.errors import DivergenceError, InputError
+from rnc_pin.errors import DivergenceError
 from rnc_pin.lab.mujoco.body_tree import BodyTree, JointEquality, add_equalities, mujoco
 from rnc_pin.lab.mujoco.contact_bodies import ContactBody, choose_support, common_plane, contact_bodies, on_one_plane
 from rnc_pin.lab.mujoco.ground import Ground, add_ground
 from rnc_pin.lab.mujoco.joint_coordinates import RobotCoordinates
 from rnc_pin.lab.mujoco.settings import MuJoCoSettings
-from rnc_pin.model.input_validation import numbers_of
+from rnc_pin.model.input_validation import own_vector
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants.plant import PlantReport
@@ -128,9 +128,7 @@ class MuJoCoPlant:
         Raises:
             DivergenceError: the robot does not come to rest.
         """
-        q, v = (numbers_of(each, "the state") for each in (q, v))
-        if q.shape != (self._reduced.robot.nq,) or v.shape != (self._reduced.robot.nv,):
-            raise InputError(f"the state has shapes {q.shape} and {v.shape}, expected that of q and v of the robot")
+        q, v = own_vector(q, self._reduced.robot.nq, "q"), own_vector(v, self._reduced.robot.nv, "v")
         mujoco.mj_resetData(self.model, self.data)
         self.applied = np.zeros(self._reduced.p)
         if self.stance == "free":
@@ -161,11 +159,7 @@ class MuJoCoPlant:
         Raises:
             InputError: T is not p finite numbers.
         """
-        T = numbers_of(T, "T")
-        if T.shape != self.applied.shape:
-            raise InputError(f"T has shape {T.shape}, expected {self.applied.shape}")
-        if not np.isfinite(T).all():
-            raise InputError(f"T is not finite: {T.tolist()}")
+        T = own_vector(T, self._reduced.p, "T")
         self.applied = np.clip(T, -self._limits, self._limits) if self.settings.effort_limits else T
 
     def advance(self, dt: float) -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError, nearest
-from rnc_pin.model.input_validation import is_number
+from rnc_pin.model.input_validation import NotNegative, Positive, check_settings, is_number
 
 Integrator = Literal["implicitfast", "implicit", "Euler", "RK4"]
 Stance = Literal["auto", "free", "level"]
@@ -49,13 +50,13 @@ class MuJoCoSettings:
         MuJoCo: integrator 'euler' is not known; did you mean 'Euler'?
     """
 
-    step: float = 0.0005
+    step: Positive = 0.0005
     integrator: Integrator = "RK4"
     friction: tuple[float, float, float] = (1.0, 0.0, 0.0)
-    contact_time: float = 0.0
+    contact_time: NotNegative = 0.0
     stance: Stance = "auto"
     casters: Literal["auto"] | bool = "auto"
-    settling: float = 0.2
+    settling: NotNegative = 0.2
     joint_limits: bool = False
     joint_damping: bool = False
     effort_limits: bool = False
@@ -74,16 +75,9 @@ class MuJoCoSettings:
                 raise ConfigurationError(
                     f"MuJoCo: {name} '{value}' is not known{nearest(str(value), map(str, choices))}"
                 )
-        for name in ("step", "contact_time", "settling"):
-            value, positive = getattr(self, name), name == "step"
-            if not is_number(value) or value < 0 or (positive and value == 0):
-                expected = "a positive number" if positive else "a number from 0"
-                raise ConfigurationError(f"MuJoCo: {name}: expected {expected}, found {value!r}")
-        try:
-            friction = np.asarray(self.friction, dtype=float)
-        except (TypeError, ValueError):
-            friction = np.empty(0)
-        if friction.shape != (3,) or not (np.isfinite(friction).all() and (friction >= 0).all()):
+        check_settings(self)
+        friction = self.friction if isinstance(self.friction, Sequence | np.ndarray) else ()
+        if len(friction) != 3 or not all(is_number(each) and each >= 0 for each in friction):
             raise ConfigurationError(
                 "MuJoCo: friction: expected three numbers of at least 0 (sliding, torsional, rolling), found "
                 f"{self.friction!r}"

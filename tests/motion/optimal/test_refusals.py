@@ -70,7 +70,7 @@ test_mistakes_are_refused_in_one_line = refused([
     (lambda: planned(costs=optimal.EffortCost(1.0)), WRONG, "costs: expected a list of CostKind objects, found Eff"),
     (lambda: planned(bounds=optimal.InputBound(-1.0, 1.0)), WRONG, "bounds: expected a list of BoundKind objects"),
     (lambda: planned(settings={"nodes": 20}), WRONG, "expected SolverSettings, found a mapping with keys nodes"),
-    (lambda: planned(settings=SolverSettings(nodes=10.5)), WRONG, "has to be an integer, at least 2, found 10.5"),
+    (lambda: planned(settings=SolverSettings(nodes=10.5)), WRONG, "integer, at least 2 and at most 1000, found 10.5"),
     (lambda: planned(settings=SolverSettings(accuracy=-1)), WRONG, "accuracy of SolverSettings has to be above 0"),
     (lambda: planned(seeds=-1), WRONG, "seeds: expected an integer of at least 0, found -1"),
     (lambda: planned(time_weight="1"), WRONG, "time_weight: expected a number of at least 0, found '1'"),
