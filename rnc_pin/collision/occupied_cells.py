@@ -43,6 +43,7 @@ def merged_boxes(filled: Bool[Array, "*n"]) -> Int[Array, "k m"]:
             along = np.asarray(rest[tuple(window)].all(axis=others))
             size = len(along) if along.all() else int(np.argmin(along))
             window[axis] = slice(start[axis], start[axis] + size)
+        # Cells of a box are taken: boxes are disjoint.
         rest[tuple(window)] = False
         found.append([*start, *(each.stop - each.start for each in window)])
     return np.array(found, dtype=int).reshape(-1, 2 * filled.ndim)
@@ -146,6 +147,7 @@ class OccupancyMap:
         turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
         boxes = []
         for k, (row, column, rows, columns) in enumerate(found.tolist()):
+            # The origin of a map may have a yaw, which turns all cells about the corner of the first one.
             middle = turn @ [side * (column + 0.5 * columns), side * (row + 0.5 * rows)] + [x, y]
             shape = coal.Box(side * columns, side * rows, height)
             place = (float(middle[0]), float(middle[1]), 0.5 * height)
@@ -176,6 +178,7 @@ def load_map(path: str | Path, name: str = "map") -> OccupancyMap:
         raise ModelError(f"{title}: {text}") from None
     bright, transparent = _pixels(path, keys.image, title)
     occupancy = bright if keys.negate else 1.0 - bright
+    # map_server reads transparency in this mode alone.
     seen = ~transparent if keys.mode == "scale" else np.ones_like(transparent)
     occupied = (occupancy > keys.occupied_thresh) & seen
     unknown = ~occupied & ~((occupancy < keys.free_thresh) & seen)

@@ -225,6 +225,7 @@ class PairMeasurement:
         found = []
         for pair in pairs:
             clear()
+            # The comparison is false for NaN too.
             if not coal.distance(*arguments[pair]) > _FAILED:
                 clear()
                 if not coal.distance(*arguments[pair][:4], self._request_of_touching, self._result) > _FAILED:

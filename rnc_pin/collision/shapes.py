@@ -107,6 +107,7 @@ def bounding_box(shape: coal.CollisionGeometry, name: str) -> tuple[np.ndarray, 
     Raises:
         ModelError: the shape is not finite.
     """
+    # coal computes the box of a new shape only when it is asked to.
     shape.computeLocalAABB()
     low, high = np.array(shape.aabb_local.min_), np.array(shape.aabb_local.max_)
     beyond = 1e6  # [m]; half side of the box that stands for a half space in the broad phase
@@ -183,6 +184,7 @@ class SpinningShapes:
         """
         if not len(self.shapes):
             return rotations
+        # The caller keeps both: its exact poses place the shapes, the still ones bound their motion.
         still = rotations.copy()
         still[:, self.shapes] = joints[:, self._parents] @ self._rotations
         return still
@@ -271,6 +273,7 @@ class Obstacle:
     def __post_init__(self) -> None:
         title = f"obstacle '{self.name}'"
         try:
+            # All numbers at once: one message for what is no number.
             numbers = np.array([*np.ravel(self.position), self.yaw, self.roll, self.pitch], dtype=float)
         except (TypeError, ValueError):
             raise InputError(f"{title}: position and angles have to be numbers") from None

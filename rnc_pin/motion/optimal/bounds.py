@@ -60,6 +60,7 @@ class NodeBound(ABC):
     ) -> None:
         self.names, self.of_state = tuple(names), of_state
         self.units = ("",) * len(self.names) if units is None else tuple(units)
+        # Infinity by name is a statement too: it takes the place of the limit of the file.
         self.stated = _stated(lower, self.names) | _stated(upper, self.names)
         self.lower, self.upper = (
             node_data.row_numbers(missing if given is None else given, self.names, "bound", missing)
@@ -145,6 +146,7 @@ class VelocityBound(BoundKind):
 
     def bind(self, model: ActionModel) -> NodeBound:
         names, limits = model.reduced.reducing.names, (self.lower, self.upper)
+        # In the kinematic form velocities are inputs, which the last node does not have.
         return BoundRows("velocity", names, limits, node_data.velocity_rows, of_state=model.form != "kinematic")
 
 
@@ -237,6 +239,7 @@ class DistanceRows(NodeBound):
 
     def rows(self, nodes: node_data.NodeData, derivatives: bool) -> node_data.RowValues:
         model = nodes.model
+        # A node with fewer near pairs has rows without effect: all nodes have the same number.
         value = np.full((nodes.size, self._count), _FAR)
         x = np.zeros((nodes.size, self._count, model.nx))
         places = list(zip(nodes.at.q, nodes.time.tolist(), strict=True))
@@ -388,6 +391,7 @@ def _rows_of(quantity: str, stated: Sequence[NodeBound]) -> set[str]:
 
 def _positions(model: ActionModel, replaced: set[str]) -> list[NodeBound]:
     found, names = limited_positions(model.reduced.robot, None), model.reduced.robot.velocity_names
+    # Row by row: a bound for one joint leaves the limits of the others.
     kept = [k for k, place in enumerate(found.v) if names[place] not in replaced]
     if not kept:
         return []
@@ -399,6 +403,7 @@ def _positions(model: ActionModel, replaced: set[str]) -> list[NodeBound]:
 
 
 def _velocities(model: ActionModel, stated: Sequence[NodeBound]) -> list[NodeBound]:
+    # There the inputs are the velocities.
     quantities = ("velocity", "input") if model.form == "kinematic" else ("velocity",)
     replaced = set().union(*(_rows_of(each, stated) for each in quantities))
     places, largest = limited_velocities(model.reduced.robot, None, None)
@@ -456,6 +461,7 @@ class _Velocities(NodeBound):
         if nodes.flow is not None:
             return nodes.flow.v[..., None], nodes.flow.v_q, nodes.flow.v_w
         reduced = nodes.model.reduced
+        # At the last node there is no flow; zero efforts, because only the velocity is read.
         found = state_derivatives(reduced, nodes.at.q, nodes.v2, np.zeros((nodes.size, reduced.p)))
         return found.v[..., None], found.v_q, found.v_v2
 

@@ -182,6 +182,7 @@ class AccelerationCost(CostKind):
 
 def weights_of(given: Weight, names: Sequence[str]) -> Array:
     """Weights (k,) from a number, a list, or weights by name."""
+    # Rows that a mapping does not name cost nothing.
     weights = node_data.row_numbers(given, names, "weight")
     if (weights < 0).any():
         raise ConfigurationError(f"weight of {', '.join(names)}: no weight may be negative, found {given!r}")

@@ -131,6 +131,7 @@ class PlannedOutputs(PiecewisePolynomial):
 
     def __init__(self, time: Array, position: Array, velocity: Array, acceleration: Array) -> None:
         h = np.diff(time)[:, None, None]
+        # Rates by the fraction of an interval: the matrix of the quintic then has numbers only.
         ends = np.concatenate([position, h * velocity, h**2 * acceleration], axis=1)
         quintic = np.einsum("ij,kjm->ikm", _QUINTIC, ends)
         coefficients = quintic / h[:, 0] ** np.arange(5, -1, -1)[:, None, None]
@@ -173,6 +174,7 @@ class MotionPlan(SummaryMixin):
 
     def __post_init__(self) -> None:
         for name in _ARRAYS:
+            # A plan is shared: controllers, pages and sweeps read the same arrays.
             getattr(self, name).setflags(write=False)
 
     def _summary(self) -> ObjectSummary:
@@ -226,6 +228,7 @@ class MotionPlan(SummaryMixin):
     def save(self, path: str | Path) -> None:
         """Write a compressed ``.npz`` file to a path, for ``load``. An error leaves no partial file."""
         arrays = {name: getattr(self, name) for name in _ARRAYS}
+        # A file object, because NumPy would add an ending to the temporary name.
         with atomic_file(Path(path)) as partial, partial.open("wb") as file:
             np.savez_compressed(file, **arrays, info=np.array(json.dumps(asdict(self.info))))
 

@@ -127,6 +127,7 @@ def velocity_rows(nodes: NodeData, derivatives: bool) -> RowValues:
 
 def acceleration_rows(nodes: NodeData, derivatives: bool) -> RowValues:
     """Reduced accelerations at nodes."""
+    # The last state has no input, and so no acceleration with derivatives.
     if not derivatives or nodes.flow is None:
         return RowValues(nodes.acceleration)
     return RowValues(nodes.acceleration, np.concatenate([nodes.flow.a_q, nodes.flow.a_w], axis=2), nodes.flow.a_u)
@@ -165,6 +166,7 @@ class NodeOutputs(SelectedOutputs):
         chosen = list(outputs) if isinstance(outputs, list | tuple) else [outputs]
         found = [find_output(reduced, each, "expected") for each in chosen]
         for stack, rows in found:
+            # A quasi-velocity has an integral along a motion, and no value at a node.
             for row in rows[stack.quasi[rows]]:
                 instead = "use VelocityCost or VelocityBound"
                 raise ConfigurationError(f"output '{stack.names[row]}' is a speed: it has no value; {instead}")
@@ -195,5 +197,6 @@ class NodeOutputs(SelectedOutputs):
         """Values minus a target, or minus a reference at the times of the nodes."""
         if not isinstance(target, Array):
             target = np.array([target.at(float(t)).position for t in nodes.time])
+        # The difference on the manifold: an angle or an orientation goes the short way round.
         at, error = nodes.position, self.error(nodes.position, target)
         return RowValues(-error, _by_position(nodes, self.error_jacobian(at, error)) if derivatives else None)

@@ -67,6 +67,7 @@ def _measured(model: ActionModel, nodes: Nodes, u: Array) -> tuple[Array, Array,
 def _continue(coordinates: Coordinates, position: Array, velocity: Array, acceleration: Array) -> None:
     """Remove jumps of angles and rotation vectors, and turn angular rates into rates of rotation vectors, in place."""
     K = len(position)
+    # The end of an interval is the begin of the next one: the nodes are one sequence without jumps.
     whole = coordinates.unwrap(np.concatenate([position[:, 0], position[-1:, 1]]))
     position[:, 0], position[:, 1] = whole[:-1], whole[1:]
     for first in coordinates.rotations:
@@ -187,6 +188,7 @@ class PlanSearch:
                 return made.plan
             self._rejected.append(made)
             self._vain.append(best.iterate)
+            # Improvements may spoil a guess that was verified elsewhere: then it is tried as it is.
             if best.guess == GIVEN:
                 pool += self._unimproved()
 
@@ -337,6 +339,7 @@ class PlanSearch:
         if not self._failed:
             text = f"no plan: no guess can be evaluated: {self._error}"
             return InfeasibleError(f"{text}; give another guess, or other reducing outputs")
+        # The guess that comes nearest tells most about what is missing.
         best = min(self._failed, key=lambda each: each.violation.amount)
         worst, duration = best.violation, best.iterate.duration
         found = InfeasibleError(

@@ -291,6 +291,7 @@ class PredictiveController(DescribedMixin):
         late = limit is not None and time.process_time() - begin > limit
         if late or not (np.isfinite(at.u).all() and np.isfinite(gains).all()):
             return waiting._replace(missed=state.missed + 1)
+        # The multipliers go into the state: a controller without memory of its own can be saved and resumed.
         motion = waiting._replace(
             begin=t + self.updates.delay, q=at.q, w=at.w, u=at.u, gains=gains, multipliers=solver.interior.multipliers
         )
@@ -298,6 +299,7 @@ class PredictiveController(DescribedMixin):
 
     def _following(self, t: float, plan: Iterate, state: PredictiveState) -> PredictiveState:
         """State that follows a plan to its end, without updates."""
+        # The plan is longer than the horizon, and its feedback has to last to its end.
         gains = self._problem.changed(K=len(plan.u)).feedback_gains(plan)
         begin = t + self.updates.delay
         return state._replace(
@@ -318,6 +320,7 @@ class PredictiveController(DescribedMixin):
 
     def _planned(self, t: float, state: PredictiveState) -> tuple[Nodes, int]:
         """State of the motion at a time, and its interval."""
+        # After its end, the last node is held.
         since = min(t - state.begin, self._h * len(state.u))
         return self._model.during(Nodes(state.q, state.w), state.u, self._h, since)
 

@@ -100,6 +100,7 @@ class Transcription:
         """Lower limits of the rows of every node (K + 1, k); infinite for rows that do not hold at a node."""
         self.upper = np.tile(_joined([each.upper for each in blocks]), (K + 1, 1))
         for each, rows in self.blocks:
+            # The goal holds at the end; the start cannot be moved, so that rows of its state would ask for nothing.
             nodes = slice(0, K) if each is goal else slice(0, 1) if each.of_state else slice(K, K + 1)
             self.lower[nodes, rows], self.upper[nodes, rows] = -np.inf, np.inf
 
@@ -200,6 +201,7 @@ class Transcription:
         if amounts.size and amounts.max() > 0:
             k, row = divmod(int(amounts.argmax()), amounts.shape[1])
             found = Violation(float(amounts[k, row]), self.names[row], float(times[k]))
+        # Gaps are violations of the dynamics, in the units of the state.
         gaps = np.abs(values.gaps).max(axis=1)
         if gaps.max(initial=0.0) > found.amount:
             k = int(gaps.argmax())
@@ -337,6 +339,7 @@ def gains_of(linear: LinearQuadratic, room: Float[Array, "N1 k"]) -> Float[Array
     active = ((room / sizes)[:-1] < _ACTIVE)[:, :, None]
     of_input = active * linear.D[:-1] * inputs / sizes[:-1, :, None]
     H[:, nx:, nx:] += _BOUND * of_input.mT @ of_input
+    # Rows with one value at the end are the goal.
     equal = linear.lower[-1] == linear.upper[-1]
     C = linear.C[-1, equal] / sizes[-1, equal, None]
     factors = RiccatiFactors(linear.scaled_dynamics, H, linear.H_end + _GOAL * C.T @ C)

@@ -84,6 +84,7 @@ def verify_inputs(
             fine = Iterate(q, w, u, at.duration)
         else:
             fine = _stepped(start, h, len(u), lambda k, now: (model.step(now, u[k : k + 1], np.array([h])), u[k]))
+        # The plan knows nodes alone; between them its states are those of coarser steps.
         reached = Nodes(fine.q[::substeps], fine.w[::substeps])
         return fine, float(np.abs(model.difference(Nodes(at.q, at.w), reached)).max())
 
@@ -124,6 +125,7 @@ def verify_loop(
             raise DivergenceError("the motion diverges")
         if plant is None:
             return model.step(now, own.u[None], np.array([dt])), own.u
+        # Forces go to the actuators through the allocation, as in a run.
         plant.apply(own.u if command.F is None else state.allocate(command.F))
         plant.advance(dt)
         return Nodes(np.array(plant.state.q)[None], np.array(plant.state.v2)[None]), own.u
@@ -225,6 +227,7 @@ def _peaks(values: Float[Array, "n k"], substeps: int) -> Float[Array, "n k"]:
     peaks = np.zeros(values.shape)
     before, after = values[1:-1] - values[:-2], values[2:] - values[1:-1]
     bend = np.abs(after - before)
+    # Where three samples do not turn, the largest is at an end, which is a sample itself.
     turning = (before * after <= 0) & (bend > 0)
     found = (after + before) ** 2 / np.where(bend > 0, 8 * bend, 1.0)
     peaks[1:-1] = np.where(turning, found, 0.0)
@@ -300,6 +303,7 @@ def _of_unknown_efforts(problem: Transcription, at: Iterate) -> Iterator[Finding
     for column, (name, unit) in enumerate(zip(names, model.reduced.actuation.units, strict=True)):
         if name in bounded or name not in robot.joint_names:
             continue
+        # Zero is what tools write for an unknown limit.
         if robot.model.upperEffortLimit[robot.velocity_indices(name).start] != 0:
             continue
         largest = int(np.abs(at.u[:, column]).argmax())

@@ -64,6 +64,7 @@ class StateManifold(ConfigurationManifold):
         if self._real:
             slopes[:, range(self.nv), range(self.nv)] += 1.0
             return
+        # Pinocchio has them for one configuration at a time; a stack of nodes needs a loop.
         both = self._each(pin.dIntegrate, q, step)
         slopes[:] = both[:, 1] @ slopes
         slopes[:, :, : self.nv] += both[:, 0]
@@ -147,6 +148,7 @@ class ActionModel(ABC):
 
     def flow_derivatives(self, at: Nodes, u: Array) -> FlowDerivatives:
         """The same with derivatives."""
+        # Without efforts: the other forms read the derivatives of velocities alone.
         T = u if self.form == "dynamic" else np.zeros((len(at.q), self.reduced.p))
         return self._flow(state_derivatives(self.reduced, at.q, self.velocity(at, u), T), u)
 
@@ -236,6 +238,7 @@ class ActionModel(ABC):
         """Derivatives of velocity and acceleration (n, nx, nx + nu + 1) by state, input and step, which has none."""
         nv, nx = self.nv, self.nx
         out = np.zeros((len(flow.v), nx, nx + self.nu + 1))
+        # In the kinematic form these are the columns of the input, in the others of the state: both follow those of q.
         columns = slice(nv, nv + self.r)  # of v2: a state, or the input
         out[:, :nv, :nv], out[:, :nv, columns] = flow.v_q, flow.v_w
         if self.nw:
@@ -380,6 +383,7 @@ class KinematicFlow:
         third = self.velocity(move(q, 0.5 * second), u)
         fourth = self.velocity(move(middle, third - 0.5 * first), u)
         both = 2.0 * (second + third)
+        # Two exponentials in place of commutators: of fourth order on the manifold, so that fine steps can be long.
         halfway = move(q, (3.0 * first + both - fourth) / 12.0)
         return move(halfway, (-first + both + 3.0 * fourth) / 12.0)
 
@@ -428,6 +432,7 @@ class KinematicFlow:
 
     def velocity(self, q: Float[Array, "n nq"], u: Float[Array, "n k"]) -> Float[Array, "n nv"]:
         """Velocities (n, nv) for u at configurations."""
+        # Reduced velocities have their own basis; planned ones need a pseudoinverse, which costs more.
         if self._planned is None:
             return np.asarray(self.reduced.at(q, u).v)
         R = self.reduced.at(q).R

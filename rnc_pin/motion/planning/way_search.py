@@ -63,6 +63,7 @@ class WaySpace:
         self._parts: list[tuple[str, int]] = []
         reals: list[tuple[int, float, float]] = []
         for index, joint in enumerate(self._model.joints):
+            # Other joints are not sampled: they follow, or are aimed at each motion.
             if not index or not steering.sampled[joint.idx_v : joint.idx_v + joint.nv].all():
                 continue
             kind, entry = joint.shortname(), int(joint.idx_q)
@@ -77,6 +78,7 @@ class WaySpace:
                 self._add("free", entry, body, 1.0)
             elif kind == "JointModelSpherical":
                 self._add("ball", entry, ob.SO3StateSpace(), _REACH)
+            # An angle without an end: the shorter way round counts.
             elif joint.nq == 2 and joint.nv == 1:
                 self._add("circle", entry, ob.SO2StateSpace(), _REACH)
             elif joint.nq == joint.nv:
@@ -110,11 +112,13 @@ class WaySpace:
         if tight:  # OMPL refuses a range of length zero
             return first - 1e-9, last + 1e-9
         low, high = float(self._model.lowerPositionLimit[entry]), float(self._model.upperPositionLimit[entry])
+        # A joint without limits has a range all the same: samples need one.
         room = _SLIDE if kind.startswith("JointModelP") else _TURN
         if not low < high:
             low, high = -np.inf, np.inf
         low = low if low > -NO_LIMIT else first - room
         high = high if high < NO_LIMIT else last + room
+        # A start may be beyond a limit by rounding, and OMPL would refuse it.
         return min(low, first), max(high, last)
 
     def write(self, state: ob.State, q: Float[Array, " nq"]) -> None:
@@ -257,6 +261,7 @@ class WaySearch:
     ) -> None:
         self._steering, self._checker, self._budget = steering, checker, budget
         self._start, self._goals, self._area = places[0], places[1:], area
+        # Of planned joints: those that follow stand in the search, and slow down the finished way.
         self._speeds = speed_limits(steering.reduced, steering.planned)
         # RRT asks for a motion once to add it, and the path for it again: each is checked once.
         self._known: dict[tuple[bytes, bytes], ExactMotion | None] = {}
@@ -287,6 +292,7 @@ class WaySearch:
         try:
             space = WaySpace(self._steering, np.vstack([self._start, self._goals]), self._area, held)
             information = ob.SpaceInformation(space.space)
+            # Motions and not seconds end an attempt: the same seed then gives the same way on any computer.
             last = self._budget.motions + most
             failed: list[BaseException] = []
 
@@ -367,6 +373,7 @@ class WaySearch:
             self._known[key] = next(
                 (each for each in self._steering.motions(first, second) if self.is_free(each)), None
             )
+        # Of what hangs together with the start, the nearest to a goal is what the message of a failure names.
         if self._known[key] is not None and key[0] in self._reached and key[1] not in self._reached:
             self._reached.add(key[1])
             away = self._steering.manifold.difference(np.repeat(second[None], len(self._goals), axis=0), self._goals)
@@ -399,6 +406,7 @@ class WaySearch:
                 break
             # Places by time, not by node: long straight pieces are cut as often as they take.
             ends = np.cumsum(drive_times(motion.steps, self._speeds))
+            # Random pairs: the best cut of a way with many obstacles is not found by halving.
             first, last = np.sort(generator.uniform(0.0, ends[-1], 2))
             (start, begin, _), (end, _, rest) = self._cut(motion, ends, first), self._cut(motion, ends, last)
             now = last - first
