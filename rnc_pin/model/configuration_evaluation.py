@@ -19,7 +19,7 @@ from rnc_pin.errors import ConstraintError, DivergenceError, InputError, Singula
 from rnc_pin.math.linear_algebra import Component, apply, apply_transposed, inverse, product, weakest_rows
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.factorization import Factorization, factorize, row_lengths
-from rnc_pin.model.filled_arrays import NOTHING_AT_Q, ArraysAtQ, ArraySource
+from rnc_pin.model.filled_arrays import NOTHING_AT_Q, ArraysAtQ, ArraySource, arrays_at_q
 from rnc_pin.model.input_validation import ArrayInput, vector
 from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.reduction_data import ReductionData
@@ -113,7 +113,8 @@ class ConfigurationEvaluation(SummaryMixin):
         """Arrays that the evaluator has filled for q."""
         if self._equal is not None:
             return self._equal.arrays_at_q
-        return self._evaluator.fill_at_q(self, None if self._same is None else self._same.arrays_at_q)
+        known = None if self._same is None else self._same.arrays_at_q
+        return arrays_at_q(self._evaluator.kernel, self, known)
 
     @property
     def compiled_kinematics(self) -> Array | None:

@@ -19,15 +19,7 @@ from rnc_pin import _kernel
 from rnc_pin.errors import InputError, SingularityError
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.evaluation_results import ReducedTerms
-from rnc_pin.model.filled_arrays import (
-    NOTHING_AT_Q,
-    ArraysAtQ,
-    CompiledArraysAtQ,
-    CompiledArraysAtV,
-    Configurations,
-    concatenated,
-    empty_records,
-)
+from rnc_pin.model.filled_arrays import CompiledArraysAtQ, CompiledArraysAtV
 from rnc_pin.model.input_validation import (
     ArrayInput,
     ConfigurationValidator,
@@ -74,32 +66,6 @@ class Evaluator:
             self.kernel.refresh()
 
     # ------------------------------------------------------------------ evaluations
-
-    def fill_at_q(self, at: Configurations, known: ArraysAtQ | None) -> ArraysAtQ:
-        """Fill arrays for q.
-
-        Args:
-            at: evaluation at the configurations.
-            known: arrays of the same configurations in another reduction.
-        """
-        kernel, kinematics = self.kernel, None
-        if kernel is None:
-            return NOTHING_AT_Q
-        # Rows of a user are evaluated by Python, whatever fills the rest.
-        position = at.position if kernel.python_rows else None
-        if isinstance(known, CompiledArraysAtQ):
-            kinematics = known.kinematics
-            # Another reduction with the same E, e.g. with other vertical outputs: nothing is left to fill.
-            if known.kernel.data.has_rows_of(kernel.data):
-                return CompiledArraysAtQ(kernel, at.q, position, kinematics, known.inverse)
-        external = concatenated(kernel.external, position, lambda block, now: block.jacobian(now), -2)
-        batch = at.q.shape[:-1]
-        record = empty_records(batch, kernel.kinematics) if kinematics is None else kinematics
-        inverse = empty_records(batch, kernel.inverse)
-        # The kernel tests E as ``factorize`` does; it declines where other rows may have to be selected.
-        if not kernel.calls.configure(at.q, record, inverse, external, kinematics is not None):
-            return NOTHING_AT_Q
-        return CompiledArraysAtQ(kernel, at.q, position, record, inverse)
 
     def at(
         self, q: ArrayInput, v2: ArrayInput | None = None, v: ArrayInput | None = None, t: ArrayInput | None = None

@@ -82,30 +82,14 @@ class ArraysAtQ:
 
     kinematics: Array | None = None
     inverse: Array | None = None
-
-    @property
-    def vertical(self) -> Array | None:
-        """Record of J1 and A_star."""
-        return None
+    vertical: Array | None = None
+    factorization: Factorization | None = None
+    H: Array | None = None
+    varying_B: Array | None = None
 
     M = RecordEntry("kinematics")
     E, E_inverse = RecordEntry("inverse"), RecordEntry("inverse")
     J1, A_star = RecordEntry("vertical"), RecordEntry("vertical")
-
-    @property
-    def factorization(self) -> Factorization | None:
-        """E and its inverse."""
-        return None
-
-    @property
-    def H(self) -> Array | None:
-        """Reduced inertia matrix (..., r, r)."""
-        return None
-
-    @property
-    def varying_B(self) -> Array | None:
-        """Actuation matrix (..., nv, p)."""
-        return None
 
     def position_of(self, data: ReductionData, at: Configurations) -> PositionKinematics:
         """Kinematics at the configurations.
@@ -154,35 +138,16 @@ class ArraysAtQ:
 class ArraysAtV:
     """No arrays for q and v: all formulas of ``StateEvaluation`` decide."""
 
-    @property
-    def biases(self) -> Array | None:
-        """Record of the forces and accelerations at zero inputs."""
-        return None
-
-    @property
-    def rates(self) -> Array | None:
-        """Record of rates along v."""
-        return None
+    biases: Array | None = None
+    rates: Array | None = None
+    row_velocities: Array | None = None
+    v1: Array | None = None
+    passive_sums: ForceSums | None = None
 
     nonlinear_effects, gamma = RecordEntry("biases"), RecordEntry("biases")
     E_inverse_gamma, motion_force = RecordEntry("biases"), RecordEntry("biases")
     E_dot, R_dot = RecordEntry("rates"), RecordEntry("rates")
     J1_dot, A_star, A_star_dot = RecordEntry("rates"), RecordEntry("rates"), RecordEntry("rates")
-
-    @property
-    def row_velocities(self) -> Array | None:
-        """Rates ``E v`` of the constraint rows and of the reducing outputs, (..., nv)."""
-        return None
-
-    @property
-    def v1(self) -> Array | None:
-        """Rates ``J1 v`` of the vertical outputs, (..., k)."""
-        return None
-
-    @property
-    def passive_sums(self) -> ForceSums | None:
-        """Sums of the passive forces."""
-        return None
 
     def accelerated(self, force: Array) -> Array | None:
         """Reduced acceleration (..., r) under generalized forces (..., nv), passive ones included.
@@ -201,17 +166,10 @@ NOTHING_AT_Q, _NOTHING_AT_V = ArraysAtQ(), ArraysAtV()
 
 
 class ArraySource(Protocol):
-    """Source of the arrays of the evaluations in one reduction, ``data``."""
+    """Evaluator of one reduction, whose kernel fills arrays; formulas alone decide without one."""
 
     data: ReductionData
-
-    def fill_at_q(self, at: Configurations, known: ArraysAtQ | None) -> ArraysAtQ:
-        """Fill arrays for q, perhaps from those of the same configurations in another reduction.
-
-        Args:
-            at: evaluation at the configurations.
-            known: arrays of the same configurations in another reduction.
-        """
+    kernel: ReductionKernel | None
 
 
 class KnownKinematics(PositionKinematics):
@@ -330,20 +288,19 @@ class CompiledArraysAtQ(ArraysAtQ):
 
     @cached_property
     def H(self) -> Array:
-        """Reduced inertia matrix."""
+        """Reduced inertia matrix (..., r, r)."""
         r = self.kernel.data.r
         H = np.empty((*self.batch, r, r))
         self._calls.inertia(self.kinematics, self.inverse, H)
         return H
 
-    @property
+    @cached_property
     def varying_B(self) -> Array | None:
-        """Actuation matrix; None if it is a function of the user."""
+        """Actuation matrix (..., nv, p); None if it is a function of the user."""
         if not self.kernel.has_inputs:
             return None
         B = np.empty((*self.batch, self.kernel.data.n, self.kernel.data.p))
         self._calls.actuation(self.q, self.kinematics, B)
-        B.setflags(write=False)
         return B
 
     def allocated(self, F: Array) -> Array | None:
@@ -361,7 +318,7 @@ class CompiledArraysAtQ(ArraysAtQ):
         data = self.kernel.data
         if self.kernel.python_rows or data.affine or not len(along):
             return None
-        rates = empty_records((len(along), *self.batch), self.kernel.rates)
+        rates = _empty_records((len(along), *self.batch), self.kernel.rates)
         for j, record in zip(along, rates.reshape(len(along), -1), strict=True):
             # A column of R is the velocity at which one reducing output moves at unit rate and the others rest.
             v = self.inverse["E_inverse"][..., data.m + j].copy()
@@ -372,10 +329,10 @@ class CompiledArraysAtQ(ArraysAtQ):
     @cached_property
     def vertical(self) -> Array | None:
         """Record of J1 and A_star; None if a row is undefined."""
-        external = concatenated(
+        external = _concatenated(
             self.kernel.external_vertical, self._position, lambda block, now: block.jacobian(now), -2
         )
-        rows = empty_records(self.batch, self.kernel.rows)
+        rows = _empty_records(self.batch, self.kernel.rows)
         return rows if self._calls.vertical(self.q, self.kinematics, self.inverse, external, rows) else None
 
 
@@ -407,8 +364,8 @@ class CompiledArraysAtV(ArraysAtV):
     def biases(self) -> Array:
         """Record of bias, gamma, its product with E^-1, and forces without actuators."""
         at, kernel = self.at_q, self._kernel
-        external = concatenated(kernel.external, self._motion, lambda block, now: block.bias_acceleration(now), -1)
-        biases = empty_records(at.batch, kernel.biases)
+        external = _concatenated(kernel.external, self._motion, lambda block, now: block.bias_acceleration(now), -1)
+        biases = _empty_records(at.batch, kernel.biases)
         rates = kernel.rates_at(self._t, at.batch)
         self._calls.biases(at.q, at.kinematics, at.inverse, self._v, external, rates, biases)
         return biases
@@ -427,7 +384,7 @@ class CompiledArraysAtV(ArraysAtV):
         found = np.empty((r, B.shape[-1])), np.empty(r)
         return found if self._calls.input_accelerations(self.at_q.inverse, self.biases, B, *found) else None
 
-    @property
+    @cached_property
     def passive_sums(self) -> ForceSums | None:
         """Sums of the passive forces; None if Python evaluates one of them."""
         if not self._kernel.fused:
@@ -440,7 +397,7 @@ class CompiledArraysAtV(ArraysAtV):
         total, springs = found[..., 0, :], found[..., 1, :]
         return ForceSums(total, total - springs)
 
-    @property
+    @cached_property
     def row_velocities(self) -> Array:
         """Rates ``E v`` of the constraint rows and of the reducing outputs, (..., nv)."""
         known: Array | None = vars(self).get("rates")
@@ -448,10 +405,9 @@ class CompiledArraysAtV(ArraysAtV):
             return known["row_velocities"]
         velocities = np.empty(self._v.shape)
         self._calls.row_velocities(self.at_q.inverse, self._v, velocities)
-        velocities.setflags(write=False)
         return velocities
 
-    @property
+    @cached_property
     def v1(self) -> Array | None:
         """Rates of the vertical outputs ``J1 v``, (..., k); None if a row of J1 is undefined."""
         known: Array | None = vars(self).get("rates")
@@ -462,19 +418,48 @@ class CompiledArraysAtV(ArraysAtV):
             return None
         v1 = np.empty((*self.at_q.batch, self._kernel.data.vertical.size))
         self._calls.vertical_velocities(rows, self._v, v1)
-        v1.setflags(write=False)
         return v1
 
     @cached_property
     def rates(self) -> Array | None:
         """Record of J1, A_star, the rates of E, R, J1 and A_star, E v and J1 v; None if a row of J1 is undefined."""
         at, kernel = self.at_q, self._kernel
-        rows = concatenated(kernel.external_vertical, at._position, lambda block, now: block.jacobian(now), -2)
-        stacks = kernel.external, kernel.external_vertical
-        external = [concatenated(each, self._motion, lambda block, now: block.jacobian_dot(now), -2) for each in stacks]
-        rates = empty_records(at.batch, kernel.rates)
+        # Python's rows of J1, and the rates of Python's rows of E and of J1.
+        rows = _concatenated(kernel.external_vertical, at._position, lambda block, now: block.jacobian(now), -2)
+        external = [
+            _concatenated(places, self._motion, lambda block, now: block.jacobian_dot(now), -2)
+            for places in (kernel.external, kernel.external_vertical)
+        ]
+        rates = _empty_records(at.batch, kernel.rates)
         arguments = at.q, at.kinematics, at.inverse, self._v, rows, *external, rates
         return rates if self._calls.rates(*arguments) else None
+
+
+def arrays_at_q(kernel: ReductionKernel | None, at: Configurations, known: ArraysAtQ | None) -> ArraysAtQ:
+    """Arrays for the configurations of an evaluation.
+
+    Args:
+        kernel: kernel of the reduction; None for formulas alone.
+        at: evaluation at the configurations.
+        known: arrays of the same configurations in another reduction.
+    """
+    if kernel is None:
+        return NOTHING_AT_Q
+    # Rows of a user are evaluated by Python, whatever fills the rest.
+    position, kinematics = at.position if kernel.python_rows else None, None
+    if isinstance(known, CompiledArraysAtQ):
+        kinematics = known.kinematics
+        # Another reduction with the same E, e.g. with other vertical outputs: nothing is left to fill.
+        if known.kernel.data.has_rows_of(kernel.data):
+            return CompiledArraysAtQ(kernel, at.q, position, kinematics, known.inverse)
+    external = _concatenated(kernel.external, position, lambda block, now: block.jacobian(now), -2)
+    batch = at.q.shape[:-1]
+    record = _empty_records(batch, kernel.kinematics) if kinematics is None else kinematics
+    inverse = _empty_records(batch, kernel.inverse)
+    # The kernel tests E as ``factorize`` does; it declines where other rows may have to be selected.
+    if not kernel.calls.configure(at.q, record, inverse, external, kinematics is not None):
+        return NOTHING_AT_Q
+    return CompiledArraysAtQ(kernel, at.q, position, record, inverse)
 
 
 def arrays_at_v(at: States, filled: ArraysAtQ) -> ArraysAtV:
@@ -489,7 +474,7 @@ def arrays_at_v(at: States, filled: ArraysAtQ) -> ArraysAtV:
     return CompiledArraysAtV(filled, at.v, at.motion if filled.kernel.python_rows else None, at.t)
 
 
-def concatenated(
+def _concatenated(
     places: Sequence[Place], at: _Kinematics | None, of: Callable[[Rows, _Kinematics], Array], axis: int
 ) -> Array | None:
     """Concatenate a quantity of blocks that Python evaluates, along the axis of the rows; None without blocks.
@@ -509,7 +494,7 @@ def concatenated(
     return np.ascontiguousarray(np.concatenate(values, axis=axis), dtype=float)
 
 
-def empty_records(shape: tuple[int, ...], record: np.dtype[np.void]) -> Array:
+def _empty_records(shape: tuple[int, ...], record: np.dtype[np.void]) -> Array:
     """Records without values; NumPy's ``empty`` takes several times as long for a type with fields.
 
     Args:
