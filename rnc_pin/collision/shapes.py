@@ -24,7 +24,8 @@ from numpy.typing import ArrayLike
 from rnc_pin.array_shapes import Array, Float, Int
 from rnc_pin.errors import InputError, ModelError, nearest
 from rnc_pin.robots.robot import Robot
-from rnc_pin.robots.sources.mesh_formats import Mesh, MeshError, convex_hull, read_mesh
+from rnc_pin.robots.sources.mesh_formats import read_mesh
+from rnc_pin.robots.sources.mesh_readers import Mesh, MeshError, convex_hull
 
 
 def convex_shape(shape: coal.CollisionGeometry, name: str) -> coal.CollisionGeometry:

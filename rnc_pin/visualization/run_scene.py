@@ -181,12 +181,12 @@ class RunScene:
         return (self.ground or 0.0) + 0.004 * self.size
 
     def _desired(self, frame: str, columns: Mapping[int, tuple[str, int]]) -> Callable[[DrawnState], np.ndarray]:
-        actual = self.kinematics.frame(frame)
+        actual = self.kinematics.point(frame)
         turned = self._desired_attitude(frame)
 
         def pose(state: DrawnState) -> np.ndarray:
             matrix = np.eye(4)
-            matrix[:3, :3], matrix[:3, 3] = turned(state), actual(state).translation
+            matrix[:3, :3], matrix[:3, 3] = turned(state), actual(state)
             for axis, (kind, column) in columns.items():
                 value = state.desired(kind)[column]
                 # NaN where a controller tells no target: the frame shows its own coordinate there.

@@ -29,7 +29,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.rows import GroundSurface, carrier_of
 from rnc_pin.robots.robot import Robot
 from rnc_pin.robots.robot_files import is_below
-from rnc_pin.robots.sources.mesh_formats import convex_hull
+from rnc_pin.robots.sources.mesh_readers import convex_hull
 from rnc_pin.visualization.browser.page import mg
 from rnc_pin.visualization.drawn_state import DrawnState, grounds_of
 from rnc_pin.visualization.elements import GREEN, GREY, Element, LayerEntry, PlacedShapes, SceneKinematics, box_corners
@@ -332,7 +332,7 @@ def carrier_placement(ground: GroundSurface, kinematics: SceneKinematics) -> Cal
         kinematics: kinematics of the drawn robot.
     """
     carrier = carrier_of(ground)
-    return None if carrier is None else kinematics.frame(carrier)
+    return None if carrier is None else lambda state: kinematics.placement(carrier, state.q)
 
 
 def is_drawn(ground: GroundSurface, robot: Robot) -> bool:

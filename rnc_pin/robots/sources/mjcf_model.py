@@ -14,8 +14,9 @@ import pinocchio as pin
 
 from rnc_pin.errors import ModelError, few
 from rnc_pin.printing import counted
-from rnc_pin.robots.sources import mesh_formats
+from rnc_pin.robots.sources import mesh_formats, mesh_readers
 from rnc_pin.robots.sources.description import ROOT_JOINTS, check_not_negative, read_numbers
+from rnc_pin.robots.sources.mesh_readers import Mesh, MeshError
 
 if TYPE_CHECKING:
     import mujoco
@@ -284,12 +285,10 @@ class MeshAssets:
                 # Each mesh has its own limit; many of them together could still fill the memory.
                 count += len(found.triangles)
                 if count > mesh_formats.MOST_TOGETHER:
-                    raise mesh_formats.MeshError(
-                        f"more than {mesh_formats.MOST_TOGETHER:,} triangles in the meshes of the robot"
-                    )
+                    raise MeshError(f"more than {mesh_formats.MOST_TOGETHER:,} triangles in the meshes of the robot")
                 if _is_flat(found, np.array(mesh.scale)):
                     flat.add(mesh.name)
-            except mesh_formats.MeshError as error:
+            except MeshError as error:
                 raise ModelError(f"{self._path}: mesh '{mesh.name}': {error}") from None
             mesh.uservert, mesh.userface = found.vertices.ravel(), found.triangles.ravel()
         for geom in spec.geoms:
@@ -305,7 +304,7 @@ class MeshAssets:
         Raises:
             ModelError: a mesh cannot be used.
         """
-        shapes, read = mesh_formats.MeshShapes(), dict[str, mesh_formats.Mesh]()
+        shapes, read = mesh_formats.MeshShapes(), dict[str, Mesh]()
         for name, factors in uses:
             scale = " ".join(map(repr, factors.tolist()))
             attributes = self._attributes[name]
@@ -317,10 +316,10 @@ class MeshAssets:
                 if name not in read:
                     read[name] = self._read(name)
                 yield shapes.make(read[name], scale)
-            except mesh_formats.MeshError as error:
+            except MeshError as error:
                 raise ModelError(f"{self._path}: mesh '{name}': {error}") from None
 
-    def _read(self, name: str) -> mesh_formats.Mesh:
+    def _read(self, name: str) -> Mesh:
         attributes = self._attributes[name]
         mesh = (
             mesh_formats.read_mesh(Path(attributes["file"])) if "file" in attributes else _inline_triangles(attributes)
@@ -329,17 +328,17 @@ class MeshAssets:
             return mesh
         place, turn = _numbers(attributes, "refpos", 3), _numbers(attributes, "refquat", 4)
         if place is None or turn is None or not turn.any():
-            raise mesh_formats.MeshError("refpos takes three numbers, refquat four that are not all zero")
+            raise MeshError("refpos takes three numbers, refquat four that are not all zero")
         rotation = pin.Quaternion(turn[0], *turn[1:]).normalized().matrix()
         # refpos and refquat are the place of the new origin in the file: vertices move the other way.
-        return mesh_formats.checked_mesh((mesh.vertices - place) @ rotation, mesh.triangles)
+        return mesh_readers.checked_mesh((mesh.vertices - place) @ rotation, mesh.triangles)
 
 
 def _numbers(attributes: Mapping[str, str], key: str, count: int) -> np.ndarray | None:
     return read_numbers(attributes.get(key, _USUAL[key]), count)
 
 
-def _is_flat(mesh: mesh_formats.Mesh, scale: np.ndarray) -> bool:
+def _is_flat(mesh: Mesh, scale: np.ndarray) -> bool:
     """True if a mesh is in a plane.
 
     Raises:
@@ -347,13 +346,13 @@ def _is_flat(mesh: mesh_formats.Mesh, scale: np.ndarray) -> bool:
     """
     vertices = mesh_formats.scaled_vertices(mesh, scale)
     try:
-        mesh_formats.check_thickness(vertices.astype(np.float32).astype(float))  # the precision of MuJoCo
-    except mesh_formats.MeshError:
+        mesh_readers.check_thickness(vertices.astype(np.float32).astype(float))  # the precision of MuJoCo
+    except MeshError:
         return True
     return False
 
 
-def _inline_triangles(attributes: Mapping[str, str]) -> mesh_formats.Mesh:
+def _inline_triangles(attributes: Mapping[str, str]) -> Mesh:
     """Return the triangles in a description, or the convex hull if it has only points.
 
     Raises:
@@ -362,15 +361,15 @@ def _inline_triangles(attributes: Mapping[str, str]) -> mesh_formats.Mesh:
     points = read_numbers(attributes.get("vertex", ""))
     corners = read_numbers(attributes.get("face", ""))
     if points is None or corners is None or points.size % 3 or corners.size % 3 or (corners % 1).any():
-        raise mesh_formats.MeshError("vertex and face take three numbers per entry")
+        raise MeshError("vertex and face take three numbers per entry")
     if not points.size:
-        raise mesh_formats.MeshError("has neither a file nor vertices")
+        raise MeshError("has neither a file nor vertices")
     # As MuJoCo does for a mesh of vertices without faces.
     if not corners.size:
-        return mesh_formats.convex_hull(points)
+        return mesh_readers.convex_hull(points)
     if np.abs(corners).max() > points.size:
-        raise mesh_formats.MeshError("a face has an unknown vertex")
-    return mesh_formats.checked_mesh(points, corners.astype(np.int64))
+        raise MeshError("a face has an unknown vertex")
+    return mesh_readers.checked_mesh(points, corners.astype(np.int64))
 
 
 # ---------------------------------------------------------------------- shapes

@@ -19,7 +19,8 @@ import pinocchio as pin
 from rnc_pin.errors import ModelError, few, nearest, warn
 from rnc_pin.robots import robot_files
 from rnc_pin.robots.sources import description
-from rnc_pin.robots.sources.mesh_formats import LoadedMesh, MeshError, MeshShapes, put_in, read_mesh
+from rnc_pin.robots.sources.mesh_formats import LoadedMesh, MeshShapes, put_in, read_mesh
+from rnc_pin.robots.sources.mesh_readers import MeshError
 
 STAND_IN = "_stand_in"
 """Suffix of the names of boxes that replace meshes; Pinocchio's own names of shapes end in a number."""

@@ -17,8 +17,9 @@ import rnc_pin as rnc
 from patience import ending_within
 from rnc_pin.robots import robot_files
 from rnc_pin.robots.sources import mesh_formats
-from rnc_pin.robots.sources.mesh_formats import MeshError, convex_hull, read_mesh, readers
-from rnc_pin.robots.sources.mesh_formats.readers import read_collada
+from rnc_pin.robots.sources import mesh_readers as readers
+from rnc_pin.robots.sources.mesh_formats import read_mesh
+from rnc_pin.robots.sources.mesh_readers import MeshError, convex_hull, read_collada
 from urdf_parts import write
 
 SINGLE = 1e-7  # [m], of vertices kept in single precision

@@ -13,6 +13,7 @@ import re
 import warnings
 from array import array
 from collections.abc import Iterable, Iterator, Mapping
+from functools import partial
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, NamedTuple
 from xml.etree import ElementTree
@@ -249,17 +250,22 @@ def read_obj(content: bytes) -> Mesh:
         MeshError: not well formed.
         ValueError: a word is not a number.
     """
-    most_lines = 8_000_000
+    most_lines, most_characters = 8_000_000, 1 << 16  # of a line: a face of thousands of corners fits
     # Counted at once: a loop in Python takes long, also over lines that it ignores.
     if content.count(b"\n") > most_lines:
         raise MeshError(f"more than {most_lines:,} lines")
     vertices, corners, sizes = array("d"), array("q"), array("q")
-    for line in _lines(content):
-        if line.startswith((b"v ", b"v\t")):
-            vertices.extend(_vertex(line.split()))
+    # A limit for each line: its words take more memory than the file.
+    for line in iter(partial(io.BytesIO(content).readline, most_characters), b""):
+        words = line.split()
+        if len(line) == most_characters:
+            raise MeshError(f"a line of more than {most_characters:,} characters")
+        if words and words[-1] == b"\\":
+            raise MeshError("a line that continues on the next one is not read")
+        if words[:1] == [b"v"]:
+            vertices.extend(_vertex(words))
             check_counts(len(vertices) // 3, 0)
-        elif line.startswith((b"f ", b"f\t")):
-            words = line.split()
+        elif words[:1] == [b"f"]:
             count = len(vertices) // 3
             for word in words[1:]:
                 index = int(word.partition(b"/")[0])
@@ -279,27 +285,6 @@ def _vertex(words: list[bytes]) -> tuple[float, float, float]:
     x, y, z = map(float, words[1:4])
     weight = float(words[4]) if len(words) == 5 else 1.0
     return x / weight, y / weight, z / weight
-
-
-def _lines(content: bytes) -> Iterator[bytes]:
-    """Yield stripped lines; a line that ends in a backslash continues on the next line."""
-    start, begun = 0, b""
-    most_characters = 1 << 16  # of a line: a face of thousands of corners fits
-    while start < len(content):
-        end = content.find(b"\n", start)
-        end = len(content) if end < 0 else end
-        # With the lines before: continuations could grow without end.
-        if end - start + len(begun) > most_characters:
-            raise MeshError(f"a line of more than {most_characters:,} characters")
-        line = content[start:end].strip()
-        start = end + 1
-        if line.endswith(b"\\"):
-            begun += line[:-1] + b" "
-            continue
-        yield begun + line
-        begun = b""
-    if begun:
-        yield begun
 
 
 def read_stl(content: bytes) -> Mesh:

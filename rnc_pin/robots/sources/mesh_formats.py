@@ -15,31 +15,17 @@ import pinocchio as pin
 
 from rnc_pin.errors import ModelError
 from rnc_pin.io.safe_read import read_bytes
+from rnc_pin.robots.sources import mesh_readers as readers
 from rnc_pin.robots.sources.description import read_numbers
-from rnc_pin.robots.sources.mesh_formats.readers import (
-    FARTHEST,
-    Mesh,
-    MeshError,
-    check_thickness,
-    checked_mesh,
-    convex_hull,
-    read_collada,
-    read_glb,
-    read_gltf,
-    read_obj,
-    read_ply,
-    read_stl,
-)
-
-__all__ = ["FARTHEST", "FORMATS", "Mesh", "MeshError", "check_thickness", "checked_mesh", "convex_hull", "read_mesh"]
+from rnc_pin.robots.sources.mesh_readers import FARTHEST, Mesh, MeshError
 
 FORMATS: Mapping[str, Callable[[bytes], Mesh]] = {
-    ".dae": read_collada,
-    ".glb": read_glb,
-    ".gltf": read_gltf,
-    ".obj": read_obj,
-    ".ply": read_ply,
-    ".stl": read_stl,
+    ".dae": readers.read_collada,
+    ".glb": readers.read_glb,
+    ".gltf": readers.read_gltf,
+    ".obj": readers.read_obj,
+    ".ply": readers.read_ply,
+    ".stl": readers.read_stl,
 }
 """File suffix to reader of each supported format."""
 
