@@ -403,7 +403,7 @@ class Symmetries:
         Args:
             q: the configuration.
         """
-        return np.hstack([self._whole(q)[0] @ self._twists, self._joints])
+        return np.hstack([_whole_motions(self._model, self._data, q)[0] @ self._twists, self._joints])
 
     def gradient(self, q: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
         """Return the derivatives (nv, nv) of ``directions(q) @ coefficients``; the last index is the direction.
@@ -417,7 +417,7 @@ class Symmetries:
         k = self._twists.shape[1]
         if not k:
             return result
-        X, inverse = self._whole(q)
+        X, inverse, _ = _whole_motions(model, self._data, q)
         velocity = X @ self._twists @ coefficients[:k]
         for direction in range(n):  # derivative of J X = twist, with constant twist
             pin.computeJointJacobiansTimeVariation(model, self._data, q, np.eye(n)[direction])
@@ -427,9 +427,6 @@ class Symmetries:
             ]
             result[:, direction] = -inverse @ np.concatenate(rates)
         return result
-
-    def _whole(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return _whole_motions(self._model, self._data, q)[:2]
 
 
 def find_symmetries(reduced: ReducedModel, q: np.ndarray, cyclic: Sequence[str] = ()) -> Symmetries:

@@ -1,7 +1,6 @@
 """Exports of ``rnc_pin.robots``, which ``__init__.py`` imports at their first use."""
 
 from .joint_values import NO_LIMIT as NO_LIMIT
-from .model_checks import MOVES_NONE as MOVES_NONE
 from .model_checks import Massless as Massless
 from .model_checks import UselessInertia as UselessInertia
 from .model_checks import flat_links as flat_links

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -101,25 +101,20 @@ LARGEST = 256
 HEAVIEST = 1e15
 """Largest mass [kg], moment of inertia [kg m^2] and distance [m]. No robot exceeds it, and products stay finite."""
 
-MOVES_NONE = "moves no mass"
-NOT_POSITIVE = "rotational inertia is not positive"
-NEGATIVE = "negative mass"
-SINGULAR = "moves without moving mass"
-
 
 class Massless(NamedTuple):
     """Joint whose body cannot be simulated with the inertia in the file.
 
     Attributes:
         joint: name of the joint; ``root_joint`` for the base.
-        why: reason in words, one of the constants of this module.
+        idle: True if it moves no mass, in place of an impossible inertia.
         shaped: links with geometry that the joint moves, without links behind further joints.
         masses: link to mass [kg]. ``Robot.from_urdf`` accepts the file with the masses of all such joints together.
         message: description of the fault in one line.
     """
 
     joint: str
-    why: str
+    idle: bool
     shaped: tuple[str, ...]
     masses: dict[str, float]
     message: str
@@ -220,7 +215,7 @@ def massless(model: pin.Model, bodies: Mapping[str, Body]) -> tuple[Massless, ..
 
 
 def _summary(found: Sequence[Massless]) -> str:
-    names = [f"'{each.joint}'" for each in found if each.why == MOVES_NONE]
+    names = [f"'{each.joint}'" for each in found if each.idle]
     several = len(names) == len(found) > 1
     return f"joints {few(names)} move no mass" if several else found[0].message
 
@@ -260,10 +255,10 @@ def _body(model: pin.Model, joint: int, bodies: Mapping[str, Body]) -> list[Mass
     # Zero is no fault of a body alone: others may move with it.
     if inertia.mass < 0:
         message = f"mass behind joint '{name}' is negative: {inertia.mass:g} kg"
-        return [_massless(model, joint, NEGATIVE, message, bodies)]
+        return [_massless(model, joint, message, bodies, lambda body: body.mass < 0)]
     if not _is_positive(tensor):
         message = f"rotational inertia behind joint '{name}' is not positive"
-        return [_massless(model, joint, NOT_POSITIVE, message, bodies)]
+        return [_massless(model, joint, message, bodies, lambda body: not _is_positive(body.inertia))]
     return []
 
 
@@ -272,22 +267,22 @@ def _is_positive(tensor: np.ndarray) -> bool:
     return bool(np.linalg.eigvalsh(tensor)[0] >= -1e-9 * max(1.0, float(np.trace(tensor))))
 
 
-def _massless(model: pin.Model, joint: int, why: str, message: str, bodies: Mapping[str, Body]) -> Massless:
-    links = [frame.name for frame in model.frames if frame.parentJoint == joint and frame.type == pin.FrameType.BODY]
-    known = [link for link in links if link in bodies]
+def _massless(
+    model: pin.Model,
+    joint: int,
+    message: str,
+    bodies: Mapping[str, Body],
+    is_wrong: Callable[[Body], bool] | None = None,
+    idle: bool = False,
+) -> Massless:
+    """Fault of a joint. ``is_wrong`` tells whether a link itself has the fault of the body to which it belongs."""
+    known = [link for link in NamedModel(model).links_of(joint) if link in bodies]
     shaped = tuple(link for link in known if bodies[link].shaped)
-    wrong = [link for link in known if _is_wrong(bodies[link], why)]
+    wrong = [] if is_wrong is None else [link for link in known if is_wrong(bodies[link])]
     # One mass repairs the body: of a faulty link, else of one with geometry, which has a plausible size.
     chosen = wrong or list(shaped[:1]) or known[:1]
     masses = {link: _mass(bodies[link]) for link in chosen}
-    return Massless(model.names[joint], why, shaped, masses, message)
-
-
-def _is_wrong(body: Body, why: str) -> bool:
-    """True if the link itself has the fault of the body to which it belongs."""
-    if why == NEGATIVE:
-        return body.mass < 0
-    return why == NOT_POSITIVE and not _is_positive(body.inertia)
+    return Massless(model.names[joint], idle, shaped, masses, message)
 
 
 def _mass(body: Body) -> float:
@@ -338,7 +333,7 @@ def _behind(
     joint = next(moving, 1)  # no joint if placements are so large that speeds are not finite
     if entry is not None:
         message = f"joint '{NamedModel(model).velocity_names[entry]}' moves no mass"
-        return _massless(model, joint, MOVES_NONE, message, bodies)
+        return _massless(model, joint, message, bodies, idle=True)
     at = int(np.argmax(np.abs(velocity)))
     message = f"inertia matrix is singular: joint '{NamedModel(model).velocity_names[at]}' can move without moving mass"
-    return _massless(model, joint, SINGULAR, message, bodies)
+    return _massless(model, joint, message, bodies)

@@ -23,8 +23,7 @@ from rnc_pin.model.input_validation import is_number, vector
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
 from rnc_pin.robots.robot import Robot
-from rnc_pin.simulation import Provenance, RunInfo, Sample
-from rnc_pin.simulation.run_info import provenance_of
+from rnc_pin.simulation import RunInfo, Sample
 from rnc_pin.visualization.browser.page import LOOPBACK
 from rnc_pin.visualization.browser.scene_server import ControlPanel, SceneWindow
 from rnc_pin.visualization.drawn_state import DrawnModel, DrawnState, View, live_state
@@ -44,7 +43,7 @@ class LiveView:
     Args:
         model: reduced model or robot; a reduced model also shows its constraints.
         view: view options.
-        meta: provenance of the coming run, as for ``simulate``; or ``info`` or ``meta`` of a run to show again.
+        info: names and provenance of the run; by default the names of the model's outputs.
         speed: simulated time over real time; 0 does not wait.
         open_browser: open the page immediately.
         host: address to serve on.
@@ -61,7 +60,7 @@ class LiveView:
         self,
         model: DrawnModel | ReducedModel | Robot,
         view: View | None = None,
-        meta: RunInfo | Provenance | Mapping[str, Json] | None = None,
+        info: RunInfo | None = None,
         speed: float = 1.0,
         open_browser: bool = True,
         host: str = LOOPBACK,
@@ -71,7 +70,7 @@ class LiveView:
         drawn_model = DrawnModel.of(model)
         check_drawable(drawn_model.robot)
         self._model, self._speed = drawn_model.with_own_model(), speed  # the loop uses the original
-        self._view, self._info = view or View(), _info(drawn_model, meta)
+        self._view, self._info = view or View(), info or RunInfo(drawn_model.outputs)
         self.window = SceneWindow(title)
         self.scene = MeshcatScene(self.window)
         self._run_scene: RunScene | None = None
@@ -211,15 +210,6 @@ class LiveView:
         # A browser that no longer answers must not hold the process.
         self._thread.join(timeout=5)
         self.window.close()
-
-
-def _info(drawn_model: DrawnModel, meta: RunInfo | Provenance | Mapping[str, Json] | None) -> RunInfo:
-    """Run information from ``meta``, or from the model's output names before a run."""
-    if isinstance(meta, RunInfo):
-        return meta
-    if isinstance(meta, Mapping) and "names" in meta:
-        return RunInfo.from_json(meta)
-    return RunInfo(drawn_model.outputs, provenance=provenance_of(meta))
 
 
 # ---------------------------------------------------------------------- view of a loop

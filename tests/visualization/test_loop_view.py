@@ -23,6 +23,7 @@ from patience import PATIENCE, eventually
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.model.evaluation_results import Measurement
+from rnc_pin.simulation import RunInfo, output_names
 from rnc_pin.visualization.browser.page import in_order, is_loopback
 from rnc_pin.visualization.browser.scene_server import SceneWindow
 from rnc_pin.visualization.loop_view import LiveView
@@ -145,7 +146,8 @@ def test_a_browser_that_reads_no_more_costs_no_memory():
 
 def test_the_loop_does_not_wait_for_a_browser_that_reads_no_more(prepared, run):
     experiment = prepared.experiment
-    live = LiveView(experiment.reduced, meta=experiment.provenance.to_json(), speed=0.0, open_browser=False)
+    info = RunInfo(output_names(experiment.reduced), provenance=experiment.provenance)
+    live = LiveView(experiment.reduced, info=info, speed=0.0, open_browser=False)
     host = live.url.split("/")[2]
     connection, _ = ask_to_watch(host, f"http://{host}")
 

@@ -21,7 +21,7 @@ from rnc_pin.applications.scenario.schema.scenario import admitted
 from rnc_pin.applications.scenario.schema.world import RobotSource
 from rnc_pin.errors import ModelError, nearest
 from rnc_pin.io import Json
-from rnc_pin.robots import MOVES_NONE, Massless, Robot, UselessInertia, example_urdfs, mass_of_box, shipped_directory
+from rnc_pin.robots import Massless, Robot, UselessInertia, example_urdfs, mass_of_box, shipped_directory
 from rnc_pin.robots.sources import Packages, parse_urdf, parse_xml, read_number
 
 Lock = Mapping[str, float | list[float]]
@@ -265,7 +265,7 @@ class Source:
     def _repair_inertias(self, joints: Sequence[Massless]) -> bool:
         """Give links a mass, or lock joints without any child mass or shape; return True if something changed."""
         base = "root_joint"  # a massless base gets a mass; it is not locked
-        idle = [each.joint for each in joints if each.why == MOVES_NONE and not each.shaped and each.joint != base]
+        idle = [each.joint for each in joints if each.idle and not each.shaped and each.joint != base]
         given = {link: mass for each in joints if each.joint not in idle for link, mass in each.masses.items()}
         new = {link: mass for link, mass in given.items() if link not in self.masses}
         if new:  # joints that carry these links move some mass from now on

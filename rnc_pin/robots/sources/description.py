@@ -114,9 +114,6 @@ class Description:
     references: Mapping[str, float] = field(default_factory=dict)
 
 
-_DECLARATION = re.compile(rb"<\?xml[^>]*\?>")
-
-
 def parse_xml(path: Path) -> ElementTree.Element:
     """Return the root element of a file.
 
@@ -133,29 +130,17 @@ def parse_xml(path: Path) -> ElementTree.Element:
         content = read_bytes(path)
     except OSError as error:
         raise ModelError(f"{path}: cannot be read: {error.strerror}") from None
-    try:
-        return parse_tree(content)
-    except ModelError as error:
-        raise ModelError(f"{path}: {error}") from None
-    except (ElementTree.ParseError, ValueError, LookupError) as error:  # also for an unknown encoding
-        again = _again(content, error)
-        if again is not None:
-            return again
-        raise ModelError(f"{path}: not well-formed XML: {error}") from None
-
-
-def _again(content: bytes, error: Exception) -> ElementTree.Element | None:
-    if not isinstance(error, ElementTree.ParseError):
-        return None
-    blank = b" \t\r\n\0"
     # A declaration of the wrong encoding is dropped; Latin-1 reads any byte, so it comes last.
-    bare = _DECLARATION.sub(b"", content.strip(blank), count=1)
-    for encoding in ("utf-8", "latin-1"):
+    bare = re.sub(rb"<\?xml[^>]*\?>", b"", content.strip(b" \t\r\n\0"), count=1)
+    failure: Exception | None = None
+    for attempt in (lambda: content, lambda: bare.decode("utf-8"), lambda: bare.decode("latin-1")):
         try:
-            return parse_tree(bare.decode(encoding))
-        except (ElementTree.ParseError, ValueError):
-            continue
-    return None
+            return parse_tree(attempt())
+        except ModelError as error:
+            raise ModelError(f"{path}: {error}") from None
+        except (ElementTree.ParseError, ValueError, LookupError) as error:  # also for an unknown encoding
+            failure = failure or error  # the first is of the file as it stands
+    raise ModelError(f"{path}: not well-formed XML: {failure}")
 
 
 def brief(error: Exception) -> str:
@@ -197,15 +182,12 @@ def unlogged(mujoco: ModuleType) -> Iterator[None]:
         mujoco: the module, which only callers that have it can import.
     """
     before = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(_ignore)
+    # States and models are checked after every step, with messages of this package.
+    mujoco.set_mju_user_warning(lambda message: None)
     try:
         yield
     finally:
         mujoco.set_mju_user_warning(before)
-
-
-def _ignore(message: str) -> None:
-    """Ignore a warning: states and models are checked after every step, with own error messages."""
 
 
 def read_numbers(text: str | None, count: int | None = None) -> np.ndarray | None:

@@ -14,6 +14,7 @@ import re
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from pathlib import Path
 from typing import TypeAlias
 from xml.etree import ElementTree
@@ -28,22 +29,6 @@ TOLERANCE = 1e-4
 REPORTED = 1e-9
 """Changes up to this value are not reported: they are the last digits of a printed double."""
 
-_NUMBER = re.compile(r"[+-]?(?:\d*)\.?(\d*)(?:[eE]([+-]?\d+))?")
-
-
-def decimals(text: str) -> int:
-    """Number of decimals of a number as written, without trailing zeros.
-
-    Args:
-        text: the number as written.
-    """
-    match = _NUMBER.fullmatch(text.strip())
-    if match is None or ("." not in text and match[2] is None):
-        return 0
-    behind = match[1] if "." in text else ""
-    exponent = int(match[2] or 0)
-    return max(0, len(behind.rstrip("0")) - exponent)
-
 
 def is_rounding(text: str, value: float) -> bool:
     """True if a number as written is ``value``, rounded or truncated at its own number of decimals (at least two).
@@ -54,7 +39,9 @@ def is_rounding(text: str, value: float) -> bool:
         text: the number as written.
         value: the exact value.
     """
-    number, own = float(text), decimals(text)
+    number = float(text)
+    # Decimals as written: trailing zeros say nothing, and an exponent moves the point.
+    own = max(0, -int(Decimal(text).normalize().as_tuple().exponent))
     least_decimals = 2  # a number with fewer decimals is intentional
     return any(
         _off(number, value, places) < (1e-3 * 10.0**-places if places == own else PRECISION * abs(number))

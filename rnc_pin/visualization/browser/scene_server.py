@@ -24,20 +24,8 @@ import tornado.websocket
 import umsgpack
 
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.visualization.browser.page import (
-    LOOPBACK,
-    VIEWER,
-    Commands,
-    Key,
-    RequestFilter,
-    apply_commands,
-    bundle,
-    content_policy,
-    in_order,
-    live_page,
-    put_latest,
-    recorded_page,
-)
+from rnc_pin.visualization.browser import page as pages
+from rnc_pin.visualization.browser.page import LOOPBACK, Commands, Key, RequestFilter, apply_commands, put_latest
 
 Receiver: TypeAlias = Callable[[object], object]
 """Function for one message of a user, decoded from JSON and otherwise unchecked."""
@@ -186,13 +174,13 @@ class SceneServer:
     async def _serve(self, title: str, host: str, sockets: list[socket.socket]) -> None:
         self._loop, self._stop = asyncio.get_running_loop(), asyncio.Event()
         self._wrapper = tornado.ioloop.IOLoop.current()
-        page, commands = live_page(title, None if self._panel is None else self._panel.script), []
+        page, commands = pages.live_page(title, None if self._panel is None else self._panel.script), []
         if self._panel is not None:
             commands = [(r"/commands", CommandSocket, {"panel": self._panel, "secret": self._secret})]
         application = tornado.web.Application(
             [
                 (r"/static/", _StaticFile, {"kind": "text/html", "text": page.encode()}),
-                (r"/static/main.min.js", _StaticFile, {"kind": "text/javascript", "text": VIEWER.read_bytes()}),
+                (r"/static/main.min.js", _StaticFile, {"kind": "text/javascript", "text": pages.VIEWER.read_bytes()}),
                 (r"/favicon.ico", _StaticFile, {"kind": "image/x-icon", "text": b""}),
                 (r"/", _Browser, {"latest": self._latest, "watching": self._watching}),
                 *commands,
@@ -249,7 +237,7 @@ class _Browser(FilteredHandler, tornado.websocket.WebSocketHandler):
             while self._waiting:
                 # While a batch is sent, newer commands replace those that wait: a slow browser skips frames.
                 batch, self._waiting = self._waiting, {}
-                await self.write_message(bundle(in_order(batch)), binary=True)
+                await self.write_message(pages.bundle(pages.in_order(batch)), binary=True)
         except (tornado.websocket.WebSocketClosedError, tornado.iostream.StreamClosedError):
             self._watching.discard(self)  # the browser has disconnected; the batch is lost
         finally:
@@ -277,7 +265,7 @@ class _StaticFile(FilteredHandler):
     def get(self) -> None:
         self.set_header("Content-Type", f"{self._kind}; charset=utf-8")
         self.set_header("Cache-Control", "no-store")
-        self.set_header("Content-Security-Policy", content_policy(f"'self' ws://{self.request.host}"))
+        self.set_header("Content-Security-Policy", pages.content_policy(f"'self' ws://{self.request.host}"))
         self.write(self._text)
 
 
@@ -392,7 +380,7 @@ class SceneWindow:
         Args:
             begin: pause at this time [s]; None plays immediately.
         """
-        return recorded_page(self.title, in_order(self.latest), begin)
+        return pages.recorded_page(self.title, pages.in_order(self.latest), begin)
 
     # ------------------------------------------------------------------ serving
 
