@@ -26,7 +26,6 @@ from rnc_pin.robots.joint_values import NamedModel
 from rnc_pin.robots.robot import AttachedModel
 
 _SMALL = 1e-9  # entry of a row, or relative singular value, that is rounding
-_INSIDE = 1e-3  # share of the weight that is rounding between samples
 CHANGES = 4
 """Changes of a load from sample to sample that are not a part of it, and number of samples that tell no change."""
 
@@ -469,7 +468,7 @@ def balanced(
 
 
 def first_lift_off(
-    times: Array, forces: Array, names: Sequence[str], inside: Iterable[tuple[Array, ...]] = (), rounding: float = 1e-6
+    times: Array, forces: Array, names: Sequence[str], inside: Iterable[tuple[Array, ...]] = ()
 ) -> LiftOff | None:
     """Return the first contact whose normal force is below zero by more than rounding; None if all contacts hold.
 
@@ -478,15 +477,15 @@ def first_lift_off(
         forces: normal forces (N, c) [N]; NaN if unknown.
         names: of the contacts (c,).
         inside: times and, at the end of each tuple, forces inside the sampling intervals, as of ``between``.
-        rounding: share of the weight below which a force counts as zero; inside the intervals it is at least 1e-3.
     """
     if not forces.size:
         return None
     scale = max(float(np.abs(np.nan_to_num(forces)).sum(axis=1).max()), 1.0)
+    rounding, inside_rounding = 1e-6, 1e-3  # shares of the weight: between samples, velocities are interpolated
     limits = np.full(len(times), -rounding * scale)
     for t, *_, loads in inside:
         times, forces = np.append(times, t), np.vstack([forces, loads])
-        limits = np.append(limits, np.full(len(t), -max(rounding, _INSIDE) * scale))
+        limits = np.append(limits, np.full(len(t), -inside_rounding * scale))
     order = np.argsort(times, kind="stable")
     times, known = times[order], np.nan_to_num(forces[order])
     below = known < limits[order, None]

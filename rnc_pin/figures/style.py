@@ -99,13 +99,12 @@ class PrintFigure(Figure):
         return buffer.getvalue()
 
 
-def save(figure: Figure, path: str | Path, replace: bool = True) -> Path:
+def save(figure: Figure, path: str | Path) -> Path:
     """Write a figure as .png, .pdf or .svg, by the suffix of the name. A failure leaves no partial file.
 
     Args:
         figure: the figure.
         path: name of the file.
-        replace: True replaces an existing file.
 
     Raises:
         ConfigurationError: the name has another suffix.
@@ -113,7 +112,7 @@ def save(figure: Figure, path: str | Path, replace: bool = True) -> Path:
     """
     if Path(path).suffix not in FORMATS:
         raise ConfigurationError(f"{path}: expected a name that ends in .png, .pdf or .svg")
-    with mpl.rc_context(STYLE), atomic_file(Path(path), replace) as partial:
+    with mpl.rc_context(STYLE), atomic_file(Path(path)) as partial:
         options: dict[str, Any] = {"pil_kwargs": _QUICKLY} if Path(path).suffix == ".png" else {}
         figure.savefig(partial, **options)
     return Path(path)

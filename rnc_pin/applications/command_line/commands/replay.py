@@ -114,7 +114,7 @@ def animation_of(runs: Sequence[Run]) -> Recording:
 
 @contextmanager
 def live_view(
-    model: DrawnModel, view: View, info: RunInfo | Provenance, title: str, speed: float, browser: bool, host: str
+    model: DrawnModel, view: View, info: RunInfo, title: str, speed: float, browser: bool, host: str
 ) -> Iterator[LiveView]:
     """Serve a live view, print its address, and wait for the browser; warn if it stopped before the run.
 

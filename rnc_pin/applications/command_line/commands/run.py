@@ -15,7 +15,7 @@ from rnc_pin.applications.scenario.output_folder import OutputFolder
 from rnc_pin.applications.scenario.pictures import picture_names
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.interruption import uninterrupted
-from rnc_pin.simulation import Observer
+from rnc_pin.simulation import Observer, RunInfo
 
 
 class Watching(TypedDict):
@@ -72,7 +72,8 @@ def _watched(prepared: Scenario, watching: Watching, quiet: bool) -> Result:
     experiment = prepared.experiment
     title = prepared.content.title or prepared.name
     drawn = DrawnModel(experiment.reduced.robot, experiment.reduced, experiment.obstacles)
-    with live_view(drawn, prepared.content.view, experiment.provenance, title, **watching) as live:
+    info = RunInfo(drawn.outputs, provenance=experiment.provenance)
+    with live_view(drawn, prepared.content.view, info, title, **watching) as live:
         return _executed(prepared, live, quiet)
 
 
