@@ -65,6 +65,7 @@ def _imported(function: Callable[[], _Command]) -> _Command:
 
 
 def _print_version(context: click.Context, parameter: click.Parameter, asked: bool) -> None:
+    # Completion parses a line without running it.
     if asked and not context.resilient_parsing:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the line says it
@@ -269,6 +270,7 @@ def sweep(**given: Given) -> int:
     """
     find_scenario(given["scenario"])
     announce(f"{given['scenario']}: reading the scenario", given["as_json"])
+    # ``sweep`` takes either as ``jobs``; the command line has a number and an address.
     scheduler = given.pop("scheduler")
     return _imported(lambda: commands.sweep_scenario)(**{**given, "jobs": scheduler or given["jobs"]})
 

@@ -57,6 +57,7 @@ def told_each_minute(activity: Callable[[], str], quiet: bool) -> Iterator[None]
             announce(f"{activity()}, {(time.perf_counter() - begin) / 60:.0f} min", quiet)
 
     if not (quiet or sys.stderr.isatty()):
+        # A daemon: a command that fails does not wait for the next minute.
         threading.Thread(target=tell, daemon=True).start()
     try:
         yield
@@ -108,6 +109,7 @@ def told_warnings() -> Iterator[None]:
                 told.add(str(message))
                 warn(str(message))
 
+        # Python counts the place of a warning, and one place warns of many joints: here the text counts.
         warnings.simplefilter("always", ModelWarning)
         warnings.showwarning = tell
         yield

@@ -34,6 +34,7 @@ class ProgressBar:
     """
 
     def __init__(self, console: Console, total: float, text: str, quiet: bool) -> None:
+        # A log has no bar: one line says what takes the time.
         if not console.is_terminal:
             messages.announce(text, quiet)
         self._bar = Progress(
@@ -69,6 +70,7 @@ class ProgressBar:
         self._bar.update(self._task, completed=done, description=text)
 
     def __exit__(self, *error: object) -> None:
+        # A run that ended early is done too: the bar does not stop below 100 %.
         if error[0] is None:
             self._bar.update(self._task, completed=self._bar.tasks[0].total)
         self._bar.stop()
@@ -89,6 +91,7 @@ def print_object(found: SummaryMixin, title: str, lines: Sequence[Line] = ()) ->
     for label, items in (*lines, *found.summary_lines()):
         if items:
             table.add_row(label, ("\n" if any(each.note for each in items) else ", ").join(map(str, items)))
+    # Names may have brackets and colons, which Rich would read as styles and pictures.
     Console(markup=False, emoji=False).print(table, highlight=False)
 
 
@@ -108,6 +111,7 @@ def print_summary(summary: Summary, outputs: OutputNames | None = None) -> None:
         console.print(errors)
     for finding in summary.get("findings", ()):
         how = weight_of(str(finding["kind"]), str(finding["severity"]), summary.get("accepted", ()))
+        # In one line, however narrow the terminal: scripts look for it.
         console.print(f"{how}: {finding['message']}", highlight=False, soft_wrap=True)
     if "late" in summary:
         console.print(f"note: {summary['late']['message']}", highlight=False, soft_wrap=True)
@@ -128,6 +132,7 @@ def _errors(summary: Summary, units: Mapping[str, str]) -> Table:
         figures = (each[name] for each in (summary["final_error"], summary["max_error"], summary["rms_error"]))
         errors.add_row(name + units.get(name, ""), *(f"{figure:.2e}" for figure in figures))
     for name, figure in summary.get("goal_error", {}).items():
+        # A goal of the planner that is no output: it has an end and no history.
         if name not in summary["final_error"]:
             errors.add_row(name, f"{figure:.2e}", "-", "-")
     return errors
@@ -185,6 +190,7 @@ def report_findings(verdict: Verdict, ending: str, others: str = "", told: Colle
     if not verdict.failures:
         return messages.DONE
     more = len(verdict.failures) - 1
+    # Last, behind the warnings: this line says why the status is 1.
     messages.complain(f"{verdict.failures[0]}{f', and {more} more{others}' if more else ''}; {ending}")
     return messages.FAILED
 
@@ -201,6 +207,7 @@ def keep_run(scenario: Scenario, result: Result, target: OutputFolder, as_json: 
     try:
         with target.writing() as fresh:
             files = write(scenario, result, fresh)
+        # From here on the numbers are safe, whatever happens to the pictures.
         target.keep_so_far()
         if not as_json:
             print_summary(result.summary, result.trajectory.info.outputs)

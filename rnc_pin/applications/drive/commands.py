@@ -17,6 +17,7 @@ from rnc_pin.errors import InputError, nearest, short_text
 from rnc_pin.io import Strict, validated
 
 _Name = Annotated[str, Field(max_length=200)]
+# Strict: JSON has texts and truth values beside numbers, which pydantic would convert.
 _Number = Annotated[float, Field(strict=True)]
 _Coordinate = Annotated[float, Field(strict=True, ge=-FAR, le=FAR)]
 _Share = Annotated[float, Field(strict=True, ge=-1.0, le=1.0)]
@@ -110,6 +111,7 @@ def parse_command(message: object, controls: DriveControls) -> DriveCommand:
         RncError: unknown kind, name or key; or a number that is missing, not finite or out of its range.
     """
     kind = message.get("kind") if isinstance(message, Mapping) else None
+    # A page may send any JSON: the kind may be a list, or a text of megabytes.
     if not isinstance(message, Mapping) or not isinstance(kind, str) or kind not in KINDS:
         raise InputError(f"no command {short_text(kind)}{nearest(kind[:30] if isinstance(kind, str) else '', KINDS)}")
     command = validated(KINDS[kind], {key: each for key, each in message.items() if key != "kind"}, kind)
@@ -119,6 +121,7 @@ def parse_command(message: object, controls: DriveControls) -> DriveCommand:
 
 def command_target(command: DriveCommand) -> tuple[str, str]:
     """Kind and name of what a command sets: a later command with the same target replaces it."""
+    # A command has at most one name: of a frame, a joint or a gain.
     named = [value for _, value in command if isinstance(value, str)]
     return command.kind, named[0] if named else ""
 
@@ -132,6 +135,7 @@ def _check_names(command: DriveCommand, controls: DriveControls) -> None:
     match command:
         case FrameGoal(frame=frame, orientation=orientation):
             _known("frame", frame, controls.frames)
+            # Wide: the controller normalizes it, and only a length near zero has no direction.
             if orientation is not None and not 0.5 < float(np.linalg.norm(orientation)) < 2.0:
                 raise InputError("orientation: expected a unit quaternion (x, y, z, w)")
         case ReleaseFrame(frame=frame):
@@ -222,12 +226,15 @@ def with_command(goals: DriveGoals, command: DriveCommand, t: float, posture: Ma
         case GainSetting(gain=gain, value=value):
             return goals._replace(gains={**goals.gains, gain: value})
         case BaseVelocity(forward=forward, turn=turn, left=left):
+            # Shares of zero end it at once: the base need not wait for rest.
             end = t + LASTING if (forward, left, turn) != (0.0, 0.0, 0.0) else t
+            # Keys and a goal of the base exclude each other: the later one counts.
             return goals._replace(velocity=(forward, left, turn), velocity_end=end, base_goal=None)
         case BaseGoal(x=x, y=y):
             return goals._replace(base_goal=(x, y), velocity_end=t)
         case HoldBase(on=on):
             return goals._replace(hold_base=on)
         case StopMotion():
+            # The present posture: the joints would move on to an old one.
             return goals._replace(frames={}, posture=posture, velocity_end=t, base_goal=None)
     return goals

@@ -106,8 +106,10 @@ class _Base(BoundTask):
     def rows(self, sample: ControlSample) -> TaskRows:
         base, resting, aiming = self._base, self._resting, self._aiming
         moving = base_rows(self._robot, base.frame, sample.end)
+        # Motions that the base does not have get no row: the constraints keep them at zero.
         rows = np.vstack([moving if aiming else base.rates(moving, self._robot), np.eye(self._robot.nv)[self._pivots]])
         wanted = None if resting else self._rates(sample)
+        # No command at the level of commands: the base is free to help the goals of frames.
         if wanted is None and not resting and not self._board.goals.hold_base:
             return TaskRows(np.zeros_like(rows), np.zeros(len(rows)))
         if aiming is not None:
@@ -128,6 +130,7 @@ class _Base(BoundTask):
     def _rates(self, sample: ControlSample) -> BaseRates | None:
         board, base = self._board, self._base
         speed, turn = board.gain("base speed"), board.gain("turn rate")
+        # At the start of the sample, whose time is its end.
         shares = board.goals.velocity_at(sample.time - sample.dt)
         if shares is not None:
             forward, left, round_ = shares
@@ -136,6 +139,7 @@ class _Base(BoundTask):
             rate, reach = turn * round_ * base.steering_sign, board.controls.joints[base.steering]
             angle = float(self._robot.single_joint(base.steering).position(sample.end.q))
             row = sample.end.R[self._robot.velocity_indices(base.steering).start]
+            # A key that is held turns the joint into its limit: it slows down before.
             room = (reach.upper if rate > 0 else reach.lower) - angle
             return BaseRates(
                 speed * forward, speed * left, np.sign(rate) * board.approach(room, TURNING, abs(rate), row)
@@ -173,6 +177,7 @@ class _Frame(BoundTask):
 
     def rows(self, sample: ControlSample) -> TaskRows:
         board = self._board
+        # Goals come and go, and the program keeps its size: rows without a goal are zero.
         goal = board.goals.frames.get(self._name)
         if goal is None:
             return self._idle
@@ -182,13 +187,17 @@ class _Frame(BoundTask):
         rate = np.zeros(6)
         error = np.array(goal.position) - placed.translation
         distance = float(np.linalg.norm(error))
+        # Rate of the distance: the rows along the way that is left.
         row = error / max(distance, 1e-300) @ jacobian[:3] @ sample.end.R
         rate[:3] = limited(gain * error, board.approach(distance, gain, speed, row))
         if goal.orientation is None:
+            # The frame may turn as the way needs it.
             jacobian[3:] = 0.0
         else:
+            # Commands of half and of twice the unit length pass their check.
             wanted = pin.Quaternion(np.array(goal.orientation)).normalized().toRotationMatrix()
             rate[3:] = limited(gain * pin.log3(wanted @ np.array(placed.rotation).T), speed / _ATTITUDE)
+            # Radians count as so many metres, so that one task has both.
             jacobian[3:] *= _ATTITUDE
             rate[3:] *= _ATTITUDE
         return TaskRows(jacobian, rate)
@@ -212,11 +221,13 @@ class _Posture(BoundTask):
     def rows(self, sample: ControlSample) -> TaskRows:
         board = self._board
         goal = self._robot.configuration(board.goals.posture)
+        # By the model: a continuous joint takes the short way round.
         error = pin.difference(self._robot.model, sample.end.q, goal)[self._places]
         speed, gain = board.gain("joint speed"), board.gain("posture gain")
         rows = sample.end.R[self._places]
         fastest = [board.approach(each, gain, speed, row) for each, row in zip(error.tolist(), rows, strict=True)]
         rate = np.sign(error) * fastest
+        # At gain zero the rate is zero too: a small weight damps the joint and does not hold it.
         root = 1.0 if gain > 0 else _STILL
         return TaskRows(root * self._jacobian, root * rate)
 
@@ -262,6 +273,7 @@ class DriveController:
         self._reduced, self._dt = reduced, dt
         self._board = GoalBoard(controls, initial_goals(controls))
         self.program = VelocityQP(reduced, self._tasks(), limits, dt=dt)
+        # Only limits of all velocities: those of single joints do not tell how a frame brakes.
         bounded = [each.entries(reduced) for each in limits if isinstance(each, AccelerationLimit) and not each.joints]
         self._board.accelerations = np.full(reduced.r, np.inf)
         for each in chain(*bounded):
@@ -301,11 +313,13 @@ class DriveController:
     def step(self, t: float, measurement: Measurement, state: DriveState) -> tuple[VelocityTarget, DriveState]:
         """Apply the commands that are due, and solve the program."""
         posture = {name: float(joint.position(measurement.q)) for name, joint in self._joints.items()}
+        # By number: times are sums of dt, which round.
         goals, sample = state.goals, round(t / self._dt)
         due = due_commands(self.log, state.applied, sample)
         for command in due:
             goals = with_command(goals, command, t, posture)
         goals = self._settled(goals, t, measurement.q, posture)
+        # Tasks have no state of their own: they read what the controller wrote for this sample.
         self._board.goals = goals
         target, program = self.program.step(t, measurement, state.program)
         target = target._replace(x1=self._desired(goals, measurement.x1))
@@ -344,6 +358,7 @@ class DriveController:
         desired = np.array(x1, dtype=float)
         for k, (name, axes) in enumerate(self.controls.frames.items()):
             if name in goals.frames:
+                # Along other axes a goal cannot be reached: the record would show a lasting error.
                 own = desired[3 * k : 3 * k + 3]
                 own[list(axes)] = np.array(goals.frames[name].position)[list(axes)]
         return desired

@@ -105,6 +105,7 @@ def find_base(reduced: ReducedModel, q0: np.ndarray, joints: Sequence[str]) -> D
         joints: independent joints.
     """
     robot = reduced.robot
+    # A frame whose speed the scenario reduces is what its author drives.
     preferred = [name.removesuffix("_speed_x") for name in reduced.reducing.names if name.endswith("_speed_x")]
     frame = base_frame(robot, [name for name in preferred if robot.model.existFrame(name)])
     if frame is None or any(name.startswith("momentum(") for name in reduced.constraints.names):
@@ -117,6 +118,7 @@ def find_base(reduced: ReducedModel, q0: np.ndarray, joints: Sequence[str]) -> D
     wheels = _wheels(here, rows, robot, joints)
     rest = [robot.velocity_indices(name).start for name in joints if name not in wheels]
     resting = here.R[rest]
+    # A motion that depends on the rates of joints needs them: the base does not have it while they rest.
     forward, turn, left = (row @ here.R for row in rows)
     if not _independent(resting, forward):
         return None
@@ -127,6 +129,7 @@ def find_base(reduced: ReducedModel, q0: np.ndarray, joints: Sequence[str]) -> D
     steering, bending = _steering(reduced, q0, frame, [j for j in joints if j not in wheels])
     moved = 0 if steering is None else 1 + rest.index(robot.velocity_indices(steering).start)
     folding = curvature(here, rows, rest, moved) / bending if moved else 0.0
+    # Zero without a steering joint, where no sign is needed.
     sign = float(np.sign(bending)) or 1.0
     return DrivenBase(frame, turns, slides, steering, sign, wheels, _ahead(reduced, q0, frame, steering), folding)
 
@@ -184,6 +187,7 @@ def _bends(here: ConfigurationEvaluation, robot: Robot, joint: str) -> bool:
 
 def _independent(given: np.ndarray, *rows: np.ndarray, full: bool = True) -> bool:
     """True if rows are independent of given rows and of each other; ``full`` is False if the given ones may depend."""
+    # Of unit length: the rank depends neither on units nor on the size of the robot.
     units = [row / max(float(np.linalg.norm(row)), 1e-300) for row in (*given, *rows)]
     if any(np.linalg.norm(row) < _RANK for row in rows):
         return False
@@ -196,6 +200,7 @@ def _ahead(reduced: ReducedModel, q0: np.ndarray, frame: str, steering: str | No
     """Distance of the frame ahead of the axle that cannot move sideways [m]; zero without such an axle."""
     if steering is None:
         return 0.0
+    # Away from straight: there the base does not turn, so that every distance would fit.
     change = np.zeros(reduced.robot.nv)
     change[reduced.robot.velocity_indices(steering)] = _STEERED
     there = reduced.at(pin.integrate(reduced.robot.model, q0, change))
@@ -215,6 +220,7 @@ def curvature(at: ConfigurationEvaluation, rows: np.ndarray, resting: Sequence[i
             entry of ``resting``.
     """
     stack = np.vstack([rows[0] @ at.R, at.R[list(resting)]])
+    # Least squares: joints that the constraints move with the base cannot all rest.
     v2 = np.linalg.lstsq(stack, np.eye(len(stack))[moved], rcond=None)[0]
     return float(rows[1] @ at.R @ v2)
 
@@ -233,6 +239,7 @@ def _steering(reduced: ReducedModel, q0: np.ndarray, frame: str, joints: Sequenc
         change = np.zeros(robot.nv)
         change[place] = _STEERED
         try:
+            # To both sides: the present bend of the path drops out.
             effect = at(pin.integrate(robot.model, q0, change)) - at(pin.integrate(robot.model, q0, -change))
         except RncError:  # a singular configuration of the outputs
             continue
@@ -272,6 +279,7 @@ def rates_to_goal(
     if base.slides:
         return BaseRates(ahead * np.cos(bearing), ahead * np.sin(bearing), 0.0)
     if base.turns:
+        # A point behind the base: it turns on the spot first.
         return BaseRates(ahead * max(np.cos(bearing), 0.0), 0.0, float(np.sign(bearing)) * approach(bearing, 1, turn))
     return _steered(base, (distance * np.cos(bearing), distance * np.sin(bearing)), bend, ahead, turn)
 
@@ -283,13 +291,17 @@ def _steered(base: DrivenBase, goal: tuple[float, float], bend: float, speed: fl
     rests where it would lead the base away from the goal.
     """
     x, y = goal
+    # The circle through the goal that begins along the axle's heading has the curvature 2 y / reach.
     reach = x * x + y * y + 2.0 * base.ahead * x
+    # A goal beside the axle has no such circle.
     reach = float(np.copysign(max(abs(reach), _SMALLEST_REACH), reach))
+    # Share of its effect that steering loses because it moves the frame as well.
     lost = float(np.clip(-2.0 * base.folding * (base.ahead + x) / reach, 0.0, 1.0))
     share = min(_FADING * (1.0 - lost), 1.0)
     error = float(np.arctan(2.0 * y / reach) - np.arctan(bend))
     waiting = _WAITING * share * min(_FADING * lost, 1.0) * min(abs(error) / _BENT, 1.0)
     rate = float(np.clip(share * TURNING * base.steering_sign * error, -turn, turn))
+    # A goal behind is reached backwards.
     return BaseRates(speed * (1.0 - waiting) * (1.0 if x >= 0 else -1.0), 0.0, rate)
 
 
@@ -363,6 +375,7 @@ def _movable_axes(reduced: ReducedModel, q0: np.ndarray, frame: str) -> tuple[bo
     """World axes along which a frame can move at all, constraints aside."""
     generator = np.random.default_rng(0)
     found = np.zeros(3, dtype=bool)
+    # Not at the start alone, where a row may be zero by chance.
     for q in (q0, *(reduced.robot.random_configuration(generator, 0.5) for _ in range(2))):
         jacobian = reduced.at(q).position.jacobian(reduced.robot.frame_id(frame))[:3]
         found |= np.abs(jacobian).max(axis=1) > 1e-9
@@ -377,6 +390,8 @@ def _range_of(reduced: ReducedModel, q0: np.ndarray, name: str) -> Range:
     unit = reduced.robot.velocity_units[joint.idx_v].removesuffix("/s")
     limits = model.lowerPositionLimit, model.upperPositionLimit
     low, high = (float(each[joint.idx_q]) if joint.nq == 1 else np.inf for each in limits)
+    # A slider over many turns could not be set with care.
     if not -NO_LIMIT < low < high < NO_LIMIT or high - low > 4 * _TURN:
         low, high = start - _TURN, start + _TURN
+    # A start beyond its limits is a place of the slider too.
     return Range(min(low, start), max(high, start), start, unit)

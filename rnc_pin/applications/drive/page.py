@@ -36,10 +36,12 @@ class DrivePage(LiveView):
         drawn = DrawnModel(reduced.robot, reduced, experiment.obstacles)
         info = RunInfo(drawn.outputs, tuple(reduced.vertical.names), provenance=experiment.provenance)
         view = experiment.scenario.view
+        # The reference of the scenario is not followed here, and goals are drawn instead.
         view = replace(view, hide=[*view.hide, "reference", "constraint forces"])
         self._controls, self._ground = controls, drawn.ground_height(view) or 0.0
         self._status: DriveStatus | None = None  # the loop sets it, and the thread that draws takes it
         self._marked = False
+        # The server puts the farewell when the page is gone: then nobody else could stop the robot.
         panel = ControlPanel("drive", queue.put, farewell={"kind": "stop"})
         super().__init__(drawn, view, info, 0.0, open_browser, title=title, panel=panel)
         self.tell("controls", controls_entry(controls, self._ground))
@@ -53,6 +55,7 @@ class DrivePage(LiveView):
     def draw(self, state: DrawnState) -> None:
         """Draw a state, and the status if it is new."""
         super().draw(state)
+        # Taken once: the page keeps what it was told.
         status, self._status = self._status, None
         if status is not None:
             self._mark(status.goals.base_goal)
@@ -92,6 +95,7 @@ class DrivePage(LiveView):
                 self._marked = True
             pose = np.eye(4)
             pose[1:3, 1:3] = [[0.0, -1.0], [1.0, 0.0]]  # Meshcat's cylinders have y as their axis
+            # Half its height above the ground: it lies on it.
             pose[:3, 3] = *goal, self._ground + 0.005
             self.scene.place(_MARK, pose)
         if self._marked:

@@ -73,6 +73,7 @@ def read_source(source: str, options: Mapping[str, Json], wishes: DraftOptions |
     """
     is_file = os.path.isfile(source)
     is_robot = source.lower().endswith(ROBOT_FILES) if is_file else source in robot_names()
+    # Scenarios first: some have the name of their robot.
     if is_robot and source not in built_in_names():
         raw = load_yaml(draft(source, Path(), wishes))
         if not isinstance(raw, dict):
@@ -117,6 +118,7 @@ def _driven(scenario: Scenario, frames: tuple[str, ...]) -> PreparedDrive:
     assert experiment.program is not None  # the controller of every driven scenario has one
     limits = _with_obstacles(experiment.program.limits, reduced, experiment)
     controller = DriveController(reduced, controls, log, limits, settings.dt)
+    # A copy: the experiment of the scenario keeps its own program.
     tracker = copy.copy(experiment.controller)
     vars(tracker)["target"] = controller
     provenance = replace(experiment.provenance, controller=describe(tracker))
@@ -134,6 +136,7 @@ def _with_obstacles(
     given = next((each for each in limits if isinstance(each, CollisionAvoidance)), None)
     if geometry is None or not len(geometry.geometryObjects):
         return list(limits)
+    # Also if the scenario asks for none: its author knew the motion, and a user goes anywhere.
     avoidance = given or CollisionAvoidance(q0=experiment.q0)
     return [*kept, replace(avoidance, obstacles=tuple(experiment.obstacles))]
 
@@ -161,11 +164,14 @@ def _driven_config(
     limits = {"acceleration": {"limit": _accelerations(reduced, q0)}, **mapping_of(chosen.get("limits"))}
     config["controller"] = {**chosen, "limits": limits}
     settings = dict(mapping_of(raw.get("simulation")))
+    # A file needs a duration; a driven run ends by its user.
     if settings.get("duration", "plan") == "plan":
         settings["duration"] = 10.0
     if not any(key == "simulation" or key.startswith("simulation.dt") for key in options):
         settings["dt"] = PERIOD
+    # The program keeps positions within their limits: a touch of one may not end the run.
     config["simulation"] = {**settings, "position_limits": False}
+    # Rates are by name of outputs, which are others now.
     config["initial"] = {key: value for key, value in mapping_of(raw.get("initial")).items() if key != "v2"}
     view, base = mapping_of(raw.get("view")), base_frame(system.robot, [])
     config["view"] = {**view, "trail": view.get("trail") or [*frames[:2], *filter(None, [base])]}
@@ -181,11 +187,13 @@ def _accelerations(reduced: ReducedModel, q0: np.ndarray) -> list[Json]:
     joints = [name for name in reduced.reducing.names if name in robot.single_joint_names]
     normal, none = NormalForces(reduced), np.zeros(reduced.r)
     for k in range(_STATES):
+        # A drawn state may be singular, or impossible to assemble: the others decide.
         with suppress(RncError):
             # Linkages stay on the branch on which they start.
             drawn = robot.joint_values(robot.random_configuration(generator))
             near = robot.joint_values(q0) | {name: drawn[name] for name in joints if k}
             q = reduced.assembled(robot.configuration(near), joints)
+            # The first state is the start at rest, for which loads of wheels are compared.
             v2 = generator.uniform(-_SPEED, _SPEED, reduced.r) if k else none
             at = reduced.at(q, v2)
             T = at.allocate(reduced.inverse_dynamics(q, v2, none))
@@ -197,6 +205,7 @@ def _accelerations(reduced: ReducedModel, q0: np.ndarray) -> list[Json]:
             scale = np.minimum(room / np.maximum(np.linalg.norm(used, axis=1), 1e-300), 1.0)
             counts = (used > _NEEDED * limits[:, None]) & ((held < _SHARE * limits)[:, None] | (k == 0))
             found *= np.where(counts, scale[:, None], 1.0).min(axis=0, initial=1.0)
+    # Three digits: the numbers are written into the scenario of the record.
     return [float(f"{max(each, _SLOWEST):.3g}") for each in found]
 
 
@@ -219,6 +228,7 @@ def _output_candidates(
     """Yield output entries by preference: speeds and joints of the scenario, the base, joints, then all others."""
     given = mapping_of(raw.get("outputs")).get("reducing")
     entries = [each for each in given if isinstance(each, Mapping)] if isinstance(given, list) else []
+    # First what is independent everywhere: a drive ends where its outputs become dependent.
     told = [entry for entry in entries if next(iter(entry)) in _ALWAYS_REGULAR]
     base = base_frame(robot, [])
     if base is not None:

@@ -97,6 +97,7 @@ class DriveStatus(NamedTuple):
         exceeded = {name: amount for name, amount in self.report.exceeded.items() if not _soft(name)}
         lines = [f"{name}: exceeded by {amount:.2g}" for name, amount in exceeded.items()]
         lines += [name for name in self.report.active if name not in exceeded and not _soft(name)]
+        # Each start and stop of a motion is at its acceleration: names would only flicker.
         soft = sum(_soft(name) for name in {*self.report.active, *self.report.exceeded})
         return lines + ([f"acceleration of {soft} motion{'s' * (soft > 1)}"] if soft else [])
 
@@ -124,6 +125,7 @@ def goal_distances(controls: DriveControls, goals: DriveGoals, points: Mapping[s
     found = {}
     near = 0.01  # distance from a goal that counts as reached [m]
     for name, goal, axes in wanted:
+        # Along the axes that the frame has: a planar arm cannot reach the height of a click.
         distance = float(np.linalg.norm((points[name][: len(goal)] - goal)[list(axes)]))
         if distance > near:
             found[name] = distance
@@ -164,6 +166,7 @@ class RealTimeClock:
         early = self._start + t - now
         if early > 0:
             self._sleep(early)
+            # Not read again: a sleep that takes longer makes the next sample late, and is lost there.
             now += early
         else:
             self._start -= early  # lost time stays lost
@@ -229,6 +232,7 @@ def drive(
                 found = run.sample(progress)
                 if observe is not None:
                     observe(found)
+                # Before the plant moves: the record ends at the sample of the command.
                 if any(isinstance(each, EndRun) for each in commands) or sample + 1 == samples:
                     break
                 run.advance()
@@ -239,6 +243,7 @@ def drive(
         except RncError as failure:
             if not isinstance(failure.trajectory, Trajectory):
                 raise
+            # What the run reached is kept, as of any run that fails.
             trajectory, error = failure.trajectory, failure
         wall_time = time.perf_counter() - started
         trajectory, summary, limits = judged_summary(experiment, trajectory, wall_time=wall_time, goals=False)
@@ -262,6 +267,7 @@ def _observer(
     def observe(sample: Sample) -> None:
         status = None
         if sample.time >= due[0]:
+            # Not in each sample: a status costs kinematics, and nobody reads a hundred in a second.
             due[0] = sample.time + _STATUS
             state = drive_state_of(run.loop.state.controller)
             position = reduced.at(sample.measurement.q).position

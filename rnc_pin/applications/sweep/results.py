@@ -66,6 +66,7 @@ def read_rows(folder: Path, specification: Specification) -> Iterator[Row]:
     number, seen = 0, set()
     try:
         with open_regular(path) as file:
+            # Bounded: a file may be larger than the memory, and a damaged line too.
             for line in iter(partial(file.readline, LARGEST), b""):
                 number += 1
                 if line.endswith(b"\n"):
@@ -90,6 +91,7 @@ def _check_row(row: object, runs: int) -> None:
     if not isinstance(row, dict):
         raise ValueError(f"expected a mapping, found {short_text(row)}")
     run = row.get("run")
+    # Not isinstance: True is an integer for Python.
     if type(run) is not int or not 0 <= run < runs:
         raise ValueError(f"run: expected a number from 0 to {runs - 1}, found {short_text(run)}")
     for name in TEXTS:
@@ -145,6 +147,7 @@ def describe_scenario(scenario: str, options: Mapping[str, Json], read: Collecti
     """
     path = find_scenario(scenario).resolve()
     name = scenario if is_built_in(path) else str(path)
+    # Dates of YAML are no JSON.
     content = _digest(json.dumps(read_yaml(path), default=repr).encode())
     files: dict[str, Json] = {}
     for each in sorted(read):  # files of other folders by name: a package may be elsewhere on another computer
@@ -163,6 +166,7 @@ def describe_function(build: Callable[..., object]) -> dict[str, Json]:
     name = f"{getattr(build, '__module__', '?')}.{getattr(build, '__qualname__', type(build).__qualname__)}"
     try:
         source = _digest(inspect.getsource(build).encode())
+    # Functions of C, and those of a prompt, have no source.
     except (OSError, TypeError):
         source = ""
     return {"build": name, "source": source}
@@ -200,6 +204,7 @@ def read_specification(folder: Path) -> Specification | None:
 def _is_specification(content: object) -> TypeGuard[Specification]:
     if not isinstance(content, dict) or type(content.get("runs", "")) not in (int, type(None)):
         return False
+    # Without distributions: the values of each run were given.
     draws = content.get("draws") or {"seed": 0, "distributions": {}}
     given = [type(draws.get(key)) for key in ("seed", "distributions")] if isinstance(draws, dict) else []
     of_scenario = isinstance(content.get("scenario"), str) and isinstance(content.get("options"), dict)
@@ -249,6 +254,7 @@ def _check_same(path: Path, earlier: Specification, now: Specification) -> None:
     for key in dict.fromkeys([*now, *earlier]):
         # More runs continue a sweep: each run has its own stream, so the first ones stay as they are.
         if key != "runs" and earlier.get(key) != now.get(key):
+            # One place and not both files: that is what a user has to change back.
             place, old, new = _difference(key, earlier.get(key), now.get(key))
             raise ConfigurationError(
                 f"--out {path}: holds another sweep: its {place} is {short_text(old)}, not {short_text(new)}; choose "
@@ -413,6 +419,7 @@ class SweepResults(SummaryMixin):
         if "scenario" not in self.specification:
             raise InputError(f"{self.specification['build']} built the runs; call it with draw(run)")
         row = self.row(run) if isinstance(run, int) else run
+        # The row has its draw and its seed: with these, ``rnc-pin run`` repeats the run alone.
         shared = {key: value for key, value in self.specification["options"].items() if key not in ("sweep", "seed")}
         options = {**with_options_of_sweeps(shared), **drawn_values(row)}
         words = [f"--set {shlex.quote(f'{key}={one_line_yaml(value)}')}" for key, value in options.items()]
@@ -487,6 +494,7 @@ def sweep_statistics(results: SweepResults) -> SweepStatistics:
     errors: dict[str, dict[str, float]] = {}
     for name in results.columns:
         if name.startswith("final_error."):
+            # Errors of a run that ended early are those of a moment on the way.
             values = _numbers(results, name)[results["outcome"] == "completed"]
             values = values[~np.isnan(values)]
             if len(values):
@@ -531,10 +539,7 @@ def write_reports(results: SweepResults) -> None:
     with atomic_file(results.path / "sweep.json") as partial:
         content = {"scenario": results.of, **sweep_statistics(results)}
         partial.write_text(dump_json(content) + "\n", encoding="utf-8")
-    failures = results.path / "failures.txt"
     lines = [f"{line}\n" for row in results.failures() for line in failure_lines(results, row)]
     if lines:
-        with atomic_file(failures) as partial:
+        with atomic_file(results.path / "failures.txt") as partial:
             partial.write_text("".join(lines), encoding="utf-8")
-    else:
-        failures.unlink(missing_ok=True)

@@ -99,6 +99,7 @@ def sweep(
         20 {'completed': 20} True
     """
     if isinstance(jobs, str):
+        # Before the folder is made: a missing package leaves nothing behind.
         check_extra("dask", f"--scheduler {jobs}")
     elif jobs == 0 or jobs < -1:
         raise ConfigurationError(f"--jobs {jobs}: expected a number of processes, or -1 for all cores")
@@ -115,6 +116,7 @@ def sweep(
         "draws": {} if runs.draws is None else runs.draws.describe(),
         "runs": count,
     }
+    # Ctrl-C counts between rows only: a row is written whole.
     with uninterrupted(), sweep_folder(path, specification, force) as file:
         finished = {row["run"]: drawn_values(row) for row in read_rows(path, specification)}
         missing: Iterator[Numbered]
@@ -186,6 +188,7 @@ def _missing(draws: Iterable[Draw], finished: Mapping[int, Draw], folder: Path, 
 def _check_recorded(run: int, values: Mapping[str, Json], recorded: Draw, folder: Path) -> None:
     """Raise an error if a finished run had other values."""
     for name, value in values.items():
+        # As text: 1 and 1.0 are equal numbers, and draws of another type.
         if json.dumps(recorded.get(name)) != json.dumps(value):
             raise ConfigurationError(
                 f"{folder}: holds another sweep: '{name}' of run {run} is {recorded.get(name)!r}, not {value!r}; "
@@ -217,6 +220,7 @@ def _rows(runs: Runs, numbered: Iterator[Numbered], jobs: int | str) -> Rows:
             except StopIteration:
                 return
             except Exception as error:
+                # By name: only a sweep on a cluster imports Dask.
                 if not isinstance(error, BrokenExecutor) and type(error).__name__ != "KilledWorker":  # of Dask
                     raise
                 raise SimulationError(
@@ -262,6 +266,7 @@ def _dask_cluster(scheduler: str) -> Iterator[None]:
     from dask.distributed import Client
 
     try:
+        # Not as default: a session of the user may have a client of its own.
         client = cast("Any", Client)(scheduler, timeout=_ANSWER, set_as_default=False)
     except (OSError, ValueError) as error:
         raise ConfigurationError(f"--scheduler {scheduler}: cannot be reached: {error}") from None
@@ -294,6 +299,7 @@ def worker_row(work: _Work, run: int, draw: Draw | None) -> Row:
     """
     if work.parent is not None:
         _follow(work.parent)
+    # Equal to the bit is a promise: another kernel rounds otherwise.
     if work.versions != (__version__, kernel):
         raise ConfigurationError(
             f"a worker has rnc_pin {__version__} with kernel '{kernel}', the sweep {work.versions[0]} with "
@@ -309,6 +315,7 @@ def worker_row(work: _Work, run: int, draw: Draw | None) -> Row:
 @cache
 def _follow(parent: int) -> None:
     """End this process when its parent ends for any reason, and ignore Ctrl-C, which a terminal sends to both."""
+    # Only the main thread may set a handler.
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_watch, args=(parent,), daemon=True).start()
@@ -317,4 +324,5 @@ def _follow(parent: int) -> None:
 def _watch(parent: int) -> None:
     while os.getppid() == parent:
         time.sleep(0.5)
+    # At once: a run under way may take minutes, and nobody reads its row any more.
     os._exit(1)

@@ -198,6 +198,7 @@ def draws_of(scenario: str, options: Mapping[str, Json]) -> SeededDraws:
         raise ConfigurationError(missing).within(made.source)
     for key, distribution in checked.sweep.items():
         drawing = replace(made, source=f"{made.source}: sweep.{key}")
+        # A key or a type that does not fit is refused now, and not in each of a million runs.
         for value in distribution.examples():
             _ = drawing.with_options({**options, key: value}).content
     return SeededDraws(checked.sweep, checked.seed)
@@ -247,6 +248,7 @@ class Runs(ABC):
 
 def _judged(trajectory: Trajectory, summary: Summary) -> Row:
     """Columns of results of a simulated run."""
+    # An interrupted run is no result: the same command repeats it.
     if trajectory.outcome is Outcome.INTERRUPTED:
         raise KeyboardInterrupt
     return results_of(summary)
@@ -298,6 +300,7 @@ def with_options_of_sweeps(options: Mapping[str, Json]) -> dict[str, Json]:
     Args:
         options: options that all runs share, by dotted key.
     """
+    # Behind the options of a user: a row has no place for pictures; before them: 'warn' is a choice.
     return {"preflight": "refuse", **options, "comparisons": [], "plots": {}}
 
 
@@ -332,6 +335,7 @@ class ScenarioRuns(Runs):
     def files_read(self) -> set[Path]:
         """Files from which robots and obstacles are read: includes, meshes, pictures of maps, parts of an MJCF."""
         drawn = {} if self.draws is None else self.draws.distributions
+        # Drawn parts of the robot read files as well.
         given = [{}, *({key: value} for key, each in drawn.items() for value in each.examples())]
         read: set[Path] = set()
         for options in given:
@@ -353,6 +357,7 @@ class ScenarioRuns(Runs):
         options: dict[str, Json] = {**with_options_of_sweeps(self._options), "seed": self._seed, **values}
         parts = {*self._file.raw, *(key.partition(".")[0] for key in options)}
         if "seed" not in drawn and "faults" in parts:
+            # From seed and number: noise differs between runs, and a repeated run has the same.
             options["seed"] = int(np.random.SeedSequence([self._seed, run]).generate_state(1)[0])
         return options
 
@@ -382,6 +387,7 @@ class ScenarioRuns(Runs):
         return made.built_with(model=self._model(made)).build()
 
     def _model(self, scenario: Scenario) -> BuiltModel:
+        # What changes the model; other options leave it as it is.
         key = json.dumps([scenario.raw.get(each) for each in _STRUCTURE], default=repr)
         most = 8  # models that a process keeps; structures of a sweep are few, but a model is large
         if key not in self._models:

@@ -183,6 +183,7 @@ def calibrate(
         raise InfeasibleError("the calibration did not converge: give fewer parameters")
     # Errors of a path are correlated: as white noise, they would count more poses than are independent.
     correlation = correlation_of(fit)
+    # An estimate that is larger than its typical size is known relative to itself.
     scales = np.maximum(problem.scales, np.abs(p))
     covariance, combinations = _precision(fit, motion.parameters, scales, correlation, resolution)
     errors = {
@@ -190,6 +191,7 @@ def calibrate(
         "fit": problem.error(p, chosen),
     }
     if held_out:
+        # From the next sample on: no pose is in both parts.
         rest = problem.windows(np.nextafter(end, np.inf), np.inf, np.inf)
         errors |= {"held out": problem.error(p, rest), "held out, nominal": problem.error(problem.nominal, rest)}
     outlying = 5.0  # standard deviations of an outlier
@@ -368,6 +370,7 @@ def _moved(place: pin.SE3, axis: str, value: float) -> pin.SE3:
 
 def _combination_name(vector: np.ndarray, names: Sequence[str]) -> str:
     """Words of a combination of scaled parameters (P,), the largest first and positive."""
+    # A singular vector and its opposite are the same combination: one sign, so that words agree.
     vector = vector / vector[np.argmax(np.abs(vector))]
     named, most = 0.1, 6  # smallest share of a parameter in the name of a combination, and their largest number
     large = [k for k in np.argsort(-np.abs(vector)).tolist() if abs(vector[k]) > named][:most]

@@ -216,6 +216,7 @@ class RowGeometry:
                 continue
             samples = _Samples.over([positions[column] for column in block.shape])
             states = np.zeros((len(samples.states), self._robot.nv))
+            # Other joints stay at zero: the block does not depend on them.
             states[:, block.shape] = samples.states
             for virtual, value in shifts.items():
                 states[:, self._virtual[virtual]] = value
@@ -542,6 +543,7 @@ def number_of(kind: Unknown, system: NonholonomicSystem, mount: np.ndarray) -> U
     """
     robot, model = system.robot, system.robot.model
     distances = [float(np.linalg.norm(model.jointPlacements[k].translation)) for k in range(2, model.njoints)]
+    # Size of the robot; a metre for one whose joints all sit at their bodies.
     length = max(distances or [1.0]) or 1.0
     if isinstance(kind, WheelRadius):
         sizes = [getattr(each, "radius", None) for each in system.kinds
@@ -551,6 +553,7 @@ def number_of(kind: Unknown, system: NonholonomicSystem, mount: np.ndarray) -> U
         radii = [size for size in sizes if size is not None]
         if not radii:
             raise ConfigurationError(f"{kind.name}: no wheel or ball rolls there")
+        # The file may state another radius for each wheel of a common one.
         nominal = float(np.mean(radii))
         return UnknownNumber(kind, kind.name, "m", nominal, nominal, {}, kind.frames)
     if isinstance(kind, JointShift):

@@ -216,6 +216,7 @@ class Channel:
         if self.quantity == "pose":
             values = _with_unit_quaternions(values, self.name)
         for name, array in (("time", time), ("values", values)):
+            # A view: the array of the caller stays writable.
             array = array.view()
             array.setflags(write=False)
             object.__setattr__(self, name, array)
@@ -259,6 +260,7 @@ class Channel:
         first, last = self.values[before], self.values[before + 1]
         found = first + share * (last - first)
         if self.quantity == "pose":
+            # Along the arc: a mean of two quaternions is shorter than 1, and turns unevenly.
             arc = Slerp(self.time, Rotation.from_quat(self.values[:, 3:]))
             found[:, 3:] = arc(np.clip(times, self.time[0], self.time[-1])).as_quat()
         # A time that rounding moves past the last sample, or into a gap, still has the value of that sample.

@@ -111,6 +111,7 @@ class Log(SummaryMixin):
             joint = model.joints[model.getJointId(name)]
             if joint.nv == 1:
                 entries = q[:, joint.idx_q : joint.idx_q + joint.nq]
+                # Without jumps by a turn, as an encoder counts.
                 angle = entries if joint.nq == 1 else np.unwrap(np.arctan2(entries[:, 1], entries[:, 0]))[:, None]
                 channels.append(Channel("position", name, time, angle))
                 if v is not None:
@@ -257,6 +258,7 @@ def read_table(path: Path, mapping: LogMapping) -> list[Channel]:
     chosen = list(_columns(mapping))
     if not chosen:
         raise ConfigurationError(f"{path}: its mapping names no column of a joint or a frame")
+    # Each column once, also one that two channels share.
     places = list(dict.fromkeys([mapping.time.column, *(column.column for column in chosen)]))
     archive = path.suffix.lower() == ".npz"
     read = _read_archive(path, places) if archive else _read_text(path, mapping, places)
@@ -323,6 +325,7 @@ def _read_text(path: Path, mapping: LogMapping, places: Sequence[Place]) -> list
     separator = separators[mapping.separator]
     header = any(isinstance(place, str) for place in places) if mapping.header is None else mapping.header
     try:
+        # Without the byte order mark that spreadsheets write.
         with open_regular(path) as binary, io.TextIOWrapper(binary, encoding="utf-8-sig") as file:
             # Lazily: a table may be larger than the memory that its numbers need.
             lines = (line for line in file if line.strip() and not line.lstrip().startswith(mapping.comment))

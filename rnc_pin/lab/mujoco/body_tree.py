@@ -95,10 +95,10 @@ class BodyTree:
                     f"MuJoCo has no joint like '{name}' ({kind}): expected a hinge, slide, ball, planar or free base"
                 )
         inertia = model.inertias[index]
-        _, axes = np.linalg.eigh(inertia.inertia)
+        _, principal = np.linalg.eigh(inertia.inertia)
         # A rotation and not a reflection, which no quaternion describes.
-        axes[:, 0] *= np.sign(np.linalg.det(axes))
-        body.ipos, body.iquat = inertia.lever, _quaternion(axes)
+        principal[:, 0] *= np.sign(np.linalg.det(principal))
+        body.ipos, body.iquat = inertia.lever, _quaternion(principal)
         return body
 
     def _add_single(self, body: mujoco.MjsBody, single: _Single, joint: pin.JointModel, number: int, name: str) -> None:

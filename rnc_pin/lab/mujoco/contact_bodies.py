@@ -64,6 +64,7 @@ class ContactBody:
             return center, center - self.radius * up
         axle = placement.rotation @ self.axle
         down = (axle @ up) * axle - up
+        # A wheel that lies flat has no lowest point: any finite one will do.
         return center, center + self.radius / max(down.dot(down) ** 0.5, 1e-9) * down
 
 
@@ -275,6 +276,7 @@ def choose_support(
     upright = all(_stays_upright(robot, data, columns, each) for each in contacts)
     if upright and _carries(points, weight) and settings.casters is not True:
         return BaseSupport("free", lift=-ground)
+    # Casters carry nothing sideways: they only keep wheels on one line from tipping.
     added = _outriggers(points) if settings.casters is not False else None
     fits = added is not None and _carries(np.vstack([points, added]), weight)
     # A vehicle that would tip is kept level, or its run would be one of falling.

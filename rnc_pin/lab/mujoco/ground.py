@@ -138,6 +138,7 @@ class Ground:
         self._softness = np.full((len(self.names), 2), -1.0)
         self._frictions = model.pair_friction[self._pairs].copy()
         self._edges = np.flatnonzero([each.friction == "lateral" for each in self._with_friction])
+        # One entry more: a contact without a geometry has the index -1, which reads the last one.
         self._place = np.full(model.ngeom + 1, -1)
         self._place[self._geoms] = np.arange(len(self.names))
         self._first_direction = np.array([each.friction == "all" for each in self._with_friction], dtype=float)
@@ -188,7 +189,9 @@ class Ground:
         share = 2.0  # demanded deceleration of a slipping wheel over the largest that friction can give
         most = share * self._friction * normal * self._mobility
         least = 1e-6  # slip treated as zero [m/s]
+        # Not above one step, in which all slip is gone; nor so slow that a wheel creeps.
         rate = np.clip(most / np.maximum(slip, least), 1.0, 1.0 / model.opt.timestep)
+        # Negative: MuJoCo reads a damping, and no time constant.
         self._softness[:, 1] = -_IMPEDANCE * rate
         model.pair_solreffriction[self._pairs] = self._softness
         if not drive_forces.any() and not self._along.any():
@@ -201,6 +204,7 @@ class Ground:
         most = np.sqrt(limit**2 - np.minimum(across, limit) ** 2)
         self._along = np.clip(drive_forces, -most, most)
         self.slid[(np.abs(drive_forces) > most) & (normal > 0)] = np.inf  # a wheel with a joint would spin
+        # Friction circle: what drives a wheel is not there to hold it sideways.
         left = np.sqrt(np.maximum(limit**2 - self._along**2, 0.0))[self._edges]
         load = normal[self._edges]
         lateral = np.divide(left, load, out=np.full_like(load, self._friction), where=load > 0)

@@ -178,6 +178,7 @@ class FreePlanarBase(BaseCoordinates):
         x, y, c, s = pinocchio.q[self.q : self.q + 4]
         vx, vy, w = pinocchio.v[self.v : self.v + 3]
         now = self.placement.actInv(_pose(mujoco.q[self.qpos : self.qpos + 7]))
+        # About the vertical only: the body keeps the lean that its load gives it.
         turned = pin.utils.rotate("z", np.arctan2(s, c) - heading_of(now.rotation)) @ now.rotation
         pose = self.placement * pin.SE3(turned, np.array([x, y, now.translation[2]]))
         velocity = turned.T @ np.array([c * vx - s * vy, s * vx + c * vy, 0.0])
@@ -203,6 +204,7 @@ class FreePlanarBase(BaseCoordinates):
         c, s = np.cos(heading), np.sin(heading)
         fx, fy, torque = force[self.v : self.v + 3]
         applied[self.dof : self.dof + 3] += self.placement.rotation @ np.array([c * fx - s * fy, s * fx + c * fy, 0.0])
+        # MuJoCo has torques of free bodies in their own axes.
         up = pose.rotation.T @ self.placement.rotation[:, 2]
         applied[self.dof + 3 : self.dof + 6] += torque * up
 
@@ -257,6 +259,7 @@ class RobotCoordinates:
         """
         applied[self._dof] += force[self._v]
         for joint in self._bases:
+            # Most forces act on joints: a base is asked for its rotation only where one acts on it.
             if force[joint.v : joint.v + joint.nv].any():
                 joint.add_force(qpos, force, applied)
 

@@ -173,12 +173,14 @@ class MuJoCoPlant:
         """
         self._ground.slid[:] = 0.0
         rounding = 1e-9  # of the number of steps
+        # Without the tolerance, four steps in a sample could become five by rounding.
         steps = max(1, int(np.ceil(dt / self.settings.step - rounding)))
         self.model.opt.timestep = dt / steps
         q, _ = self.read()
         wheel_force, drawn = self._inputs.wheel_forces(q, self.applied)
         drive_forces = np.zeros(len(self.wheel_names))
         drive_forces[self._drawn_wheels] = drawn
+        # Torques of wheels are held over a sample, as those of motors are; a force on a frame turns with it.
         force = wheel_force if self._inputs.varies else wheel_force + self._inputs.joint_forces(q, self.applied)
         with unlogged(mujoco):
             for _ in range(steps):
@@ -206,6 +208,7 @@ class MuJoCoPlant:
 
     def _settle(self, q: np.ndarray) -> None:
         """Simulate at fixed pose and joints until the contacts carry the weight."""
+        # The last run may have ended with a step of another length.
         self.model.opt.timestep = self.settings.step
         rest, joints = np.zeros(self._reduced.robot.nv), slice(6 if self.stance == "free" else 4, None)
         with unlogged(mujoco):

@@ -60,6 +60,7 @@ def drive_robot(
 def _driven(prepared: PreparedDrive, duration: float | None, browser: bool) -> Result:
     """Serve the page and run in real time."""
     settings, queue = prepared.scenario.experiment.simulation, CommandQueue(prepared.controls)
+    # Two at least: fewer samples cannot be replayed.
     samples = None if duration is None else max(2, round(duration / settings.dt) + 1)
     title = prepared.scenario.experiment.scenario.title or prepared.scenario.name
     wait = 15.0  # [s] for a browser before the run starts
@@ -70,6 +71,7 @@ def _driven(prepared: PreparedDrive, duration: float | None, browser: bool) -> R
         if browser:
             with interruptible():
                 page.wait_for_browser(wait)
+        # The clock starts with the first sample, so that waiting for the browser is not made up for.
         result = drive(prepared, queue, samples, RealTimeClock(), page)
         page.conclude(result.trajectory.verdict)
     if page.problem is not None:

@@ -151,6 +151,7 @@ def explore_system(
         write: file for the scenario of a row.
         row: number of that row; the best one if it is None.
     """
+    # First: a search of minutes should not end at a file that exists.
     if write is not None:
         check_new_file("--write", write, force=False)
     scenario = Scenario.load(system, parse_options(options))
@@ -171,6 +172,7 @@ def explore_system(
         return None
     if not 1 <= (row or 1) <= len(found):
         raise ConfigurationError(f"--row {row or 1}: expected a row from 1 to {len(found)}")
+    # A row is a use of the redundancy at samples; whether a run of it succeeds, only a run shows.
     made, verdict = scenario_of(scenario, found[(row or 1) - 1])
     with one_line_errors(f"--write {write}"), atomic_file(write, replace=False) as partial:
         made.save(partial)

@@ -97,6 +97,7 @@ def _compared(runs: Sequence[Run]) -> dict[str, Trajectory]:
                 f"{other.source}: is of robot '{other.reduced.robot.name}', "
                 f"{first.source} of '{first.reduced.robot.name}': one scene shows one robot"
             )
+        # Folders of one name are told apart by their paths.
         shown = name if names.count(name) == 1 else str(other.source)
         found[shown.replace("_", " ")] = other.trajectory
     return found
@@ -127,6 +128,7 @@ def live_view(
         browser: True to open the browser.
         host: address to serve on.
     """
+    # A page shows the robot and its goals to everyone who finds the port.
     if not is_loopback(host):
         warn(f"--host {host}: everyone who can reach this address can watch")
     live = LiveView(model, view, info, speed, browser, host, title)
@@ -164,6 +166,7 @@ def replay_runs(
         **files: files to write.
     """
     runs = [load_run(source) for source in sources]
+    # Before anything is written: a refusal of the second file leaves none behind.
     for option, path in (("--html", files["html"]), ("--video", files["video"])):
         if path is not None:
             check_new_file(option, path, files["force"])
@@ -173,6 +176,7 @@ def replay_runs(
         _show(runs[0], speed, browser, host)
     if show or files["html"] or files["video"]:
         return DONE
+    # The worst status: 1 if any of the runs failed.
     return max([_judged(run) for run in runs])
 
 
@@ -199,6 +203,7 @@ def _judged(run: Run) -> int:
 
 def _show(run: Run, speed: float, browser: bool, host: str) -> None:
     shown = run.drawn_model, run.scenario.view, run.trajectory.info, run.title
+    # Ctrl-C ends the show, and is no failure of the run.
     with live_view(*shown, speed, browser, host) as live, suppress(KeyboardInterrupt):
         for state in recorded_states(run.reduced.robot, run.trajectory, rate=60.0):
             live(state)

@@ -51,6 +51,7 @@ def run_scenario(
     activity = f"{prepared.name}: {'planning the motion' if plans else 'preparing the run'}"
     if plans:
         announce(activity, as_json)
+    # Models with meshes and plans take minutes, for which a log would be silent.
     with told_each_minute(lambda: activity, as_json):
         prepared = prepared.build()
     for warning in prepared.experiment.warnings:
