@@ -166,6 +166,7 @@ class NamedModel:
         if not isinstance(name, str) or not self.model.existFrame(name):
             valid = [frame.name for frame in self.model.frames]
             raise ModelError(f"no frame '{name}' in robot '{self.name}'{nearest(str(name), valid)}")
+        # A link and its joint may share a name; users mean the link, which has the mass and the shapes.
         same = [index for index, frame in enumerate(self.model.frames) if frame.name == name]
         return next((index for index in same if self.model.frames[index].type == pin.FrameType.BODY), same[0])
 
@@ -256,6 +257,7 @@ class NamedModel:
     def velocity_units(self) -> tuple[str, ...]:
         """Unit of each entry of ``v``: "rad/s" for rotation about any axis, "m/s" for translation."""
         jacobian = pin.computeJointJacobians(self.model, self.model.createData(), pin.neutral(self.model))
+        # By the motion that each entry makes, not by the class of its joint: that covers composite joints too.
         turning = jacobian.reshape(6, self.nv)[3:]  # Pinocchio gives (6,) where nv is 1
         return tuple("rad/s" if column.any() else "m/s" for column in turning.T)
 
@@ -276,6 +278,7 @@ class NamedModel:
         for name, value in values.items():
             joint = self.model.joints[self.joint_id(name)]
             given = np.atleast_1d(np.asarray(value)) if not isinstance(value, Mapping) else np.zeros(1, dtype=object)
+            # Truth values and texts would become numbers by the conversion below.
             if given.dtype.kind not in "iuf":
                 raise ModelError(f"joint '{name}' takes numbers, found {value!r}")
             entry = given.astype(float)
@@ -309,6 +312,7 @@ class NamedModel:
             spread: largest displacement from the neutral configuration in each entry of v [rad or m].
         """
         self.check_unchanged()
+        # On the manifold: entries of a quaternion that are drawn one by one are no rotation.
         q = pin.integrate(self.model, pin.neutral(self.model), generator.uniform(-spread, spread, self.nv))
         # Limits hold for entries of q that are coordinates; others, such as quaternions, have none.
         for joint in list(self.model.joints)[1:]:

@@ -192,6 +192,7 @@ def massless(model: pin.Model, bodies: Mapping[str, Body]) -> tuple[Massless, ..
         ModelError: an inertia or mass is not finite, or a placement is too far away.
     """
     _check_places(model)
+    # A copy: bodies are mended on the way, so that the search finds those behind them too.
     model = model.copy()
     found = [each for joint in range(1, model.njoints) for each in _body(model, joint, bodies)]
     for each in found:
@@ -327,6 +328,7 @@ def _behind(
 ) -> Massless:
     """Fault at the first body that moves in a motion of zero kinetic energy; an inertia of this body repairs it."""
     # The first body that moves in the motion carries no mass along it, nor do the bodies behind.
+    # At unit size: a motion without mass is divided by small roots of inertias, and its speeds could overflow.
     pin.forwardKinematics(model, data, q, velocity / np.abs(velocity).max())
     speeds = [float(np.linalg.norm(data.v[joint].vector)) for joint in range(model.njoints)]
     moving = (index for index, speed in enumerate(speeds) if speed > 1e-6 * max(speeds))

@@ -156,6 +156,7 @@ class AllowedFolders:
         package = next((folder for folder in (own, *above) if package_name(folder) is not None), None)
         if package is not None:
             self._folders.append(package)
+        # Nothing tells where a project without a package ends: beside it, only folders of customary names count.
         elif above:
             self._folders += [above[0] / name for name in _DATA]
 

@@ -138,6 +138,7 @@ class LiveView:
             if self._started is None:
                 self._started = now - t / self._speed
             time.sleep(max(0.0, self._started + t / self._speed - now))
+        # At twice the speed, twice the simulated time passes between two frames.
         self._next = t + max(self._speed, 1.0) / RATE
         self._due.append(sample)
         self._wake.set()
@@ -174,6 +175,7 @@ class LiveView:
             begin = time.monotonic()
             if not self._draw_due():
                 return
+            # Not a sleep: closing the view ends the wait at once.
             self._over.wait(max(0.0, 1.0 / RATE - (time.monotonic() - begin)))
         self._draw_due()
 
@@ -314,6 +316,7 @@ class LoopView(SummaryMixin, LiveView, Generic[Made]):
             raise InputError("the view has no controller: show(..., controller=function of the gains) gives it one")
         gains = dict(self.gains)
         if gains != self._made_of:
+            # Before the call: gains that are refused are not tried again at every sample.
             self._made_of = gains
             try:
                 self._made, self._message = self._make(**gains), ""
@@ -361,6 +364,7 @@ class LoopView(SummaryMixin, LiveView, Generic[Made]):
                 raise InputError("a robot without a reduced model has no v2 and no T: show(reduced) has them")
         else:
             velocity = np.zeros(reduced.r) if v2 is None else vector(np.asarray(v2), reduced.r, "v2")
+            # Without a velocity, the forces of constraints would be those at rest.
             known = T is not None and v2 is not None
             inputs = vector(np.asarray(T), reduced.p, "T") if known else np.full(reduced.p, np.nan)
         at = time.monotonic() - self._begin if t is None else float(t)
@@ -370,6 +374,7 @@ class LoopView(SummaryMixin, LiveView, Generic[Made]):
 
     def _wait(self, sample: Sample) -> None:
         """Show exactly this state, and wait until the page continues, takes a step, ends the loop, or is gone."""
+        # The state of a pause is shown whether or not a frame was due.
         self.restart()
         self(sample)
         begin = seen = time.monotonic()

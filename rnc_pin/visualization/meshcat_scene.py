@@ -196,6 +196,7 @@ class MeshcatScene:
         self.root = meshcat.Visualizer(window=self.window)
         self.root["/Background"].set_property("top_color", [0.96, 0.975, 0.99])
         self.root["/Background"].set_property("bottom_color", [0.85, 0.885, 0.925])
+        # Meshcat has a grid of 20 m at z = 0, whatever the size and the ground of the robot are.
         for name in ("/Axes", "/Grid"):
             self.root[name].set_property("visible", False)
         self.keyframes = None if rate is None else Keyframes(rate)

@@ -68,6 +68,7 @@ class Recording(SummaryMixin):
         for self._scene.frame, state in enumerate(states):
             run_scene.update(state)
             values, colors = run_scene.overlay.values(state)
+            # As many digits as the page shows.
             frames.append([significant(value, 4) for value in values])
             chips.append(colors)
         heading = title if title != "rnc_pin" else ""
@@ -230,6 +231,8 @@ def _encode(ffmpeg: str, path: Path, partial: Path, pictures: Iterable[bytes], r
 
 def _encoding(suffix: str) -> Sequence[str]:
     if suffix == ".gif":
+        # A GIF has 256 colours: a palette of this video in place of a general one.
         palette = "split[a][b];[a]palettegen=max_colors=128[p];[b][p]paletteuse=dither=bayer:bayer_scale=4"
         return ["-vf", palette, "-loop", "0"]
+    # Browsers and most players read colours in this format only; with faststart a page plays before it has all bytes.
     return ["-c:v", "libx264", "-preset", "medium", "-crf", "22", "-pix_fmt", "yuv420p", "-movflags", "+faststart"]

@@ -165,6 +165,7 @@ class RunScene:
     @property
     def _piece(self) -> int:
         run = self.shown.trajectory
+        # About sixty pieces appear over a recording of any length: each is an object of the page.
         return 30 if run is None else max(1, round(run.time[-1] * 25.0 / 60))
 
     def _plan(self, first: DrawnState) -> list[e.Element]:

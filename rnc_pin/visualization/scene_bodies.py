@@ -159,6 +159,7 @@ class MeshcatRobot:
                 scene.window.post({"type": "set_object", "path": f"/meshcat/{node}", "object": geometry})
             else:
                 color = int.from_bytes((255 * rgba[:3]).astype(np.uint8).tobytes(), "big")
+                # Shiny, as in Pinocchio's own viewer; obstacles and arrows are dull.
                 material = mg.MeshPhongMaterial(color=color, opacity=float(rgba[3]))
                 scene.root[node].set_object(geometry, material)
 

@@ -520,6 +520,7 @@ def read_glb(content: bytes) -> Mesh:
         content: content of the file.
     """
     _check_installed()
+    # The header has twelve bytes; then each chunk begins with its size and its type.
     size, kind = (int(each) for each in np.frombuffer(content, "<u4", 2, 12))
     json_chunk = 0x4E4F534A  # type of the first chunk of a GLB
     if kind != json_chunk or size > len(content) - 20:
@@ -557,6 +558,7 @@ def _scene(content: bytes, kind: str) -> Scene:
         warnings.simplefilter("ignore", RuntimeWarning)  # of numbers that are not finite, which our checks refuse
         warnings.filterwarnings("error", "string or file could not be read")  # words in place of numbers
         try:
+            # Without processing: merging vertices and dropping faces is done here, after the checks.
             return trimesh.load_scene(io.BytesIO(content), file_type=kind, process=False, skip_materials=True)
         except Exception:  # any: trimesh checks little
             raise MeshError(f"not well-formed {kind.upper()}") from None

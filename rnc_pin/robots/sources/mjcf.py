@@ -175,6 +175,7 @@ def _equalities(compiled: mujoco.MjModel, kinds: tuple[int, ...]) -> list[int]:
 
 
 def _rounded(numbers: np.ndarray) -> tuple[float, float, float]:
+    # Twelve digits and no -0.0: they are the numbers of a scenario, and rotations have rounding errors.
     x, y, z = (round(float(each), 12) + 0.0 for each in numbers)
     return x, y, z
 
@@ -251,6 +252,7 @@ def _resolve_assets(root: ElementTree.Element, path: Path, allowed: robot_files.
         if not name:
             continue
         place = path.parent / folders.get(asset.tag, folders["mesh"]) / (Path(name).name if stripped else name)
+        # Textures are dropped later: a missing one does no harm, but a file elsewhere is refused all the same.
         if asset.tag == "mesh" or os.path.isfile(place):
             asset.set("file", str(_own_file(place, path, allowed, f'<{asset.tag} file="{name}">')))
 
@@ -282,6 +284,7 @@ def reduce_document(root: ElementTree.Element, path: Path) -> None:
             raise ModelError(f"{path}: <{element.tag}> is not supported: write out the bodies that it generates")
     if root.find("worldbody//body") is None:
         raise ModelError(f"{path}: <worldbody> has no <body>")
+    # First: the spatial tendons that tell which actuators have unknown joints are dropped next.
     _replace_actuators(root)
     _strip(root)
     most_characters = 1_000  # of an attribute that defaults and <replicate> can repeat

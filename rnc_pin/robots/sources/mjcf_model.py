@@ -147,6 +147,7 @@ class ModelBuilder:
             if joint != joints[0]:
                 frame = model.addBodyFrame(next(self._free), index, place, frame)
             index, frame, place = self._add_file_joint(joint, index, frame, place)
+        # A body without joints: its frame keeps its inertia, as frames of fixed joints in a URDF do.
         if index == parent.joint:
             frame = model.addFrame(pin.Frame(f"{name}_fixed", index, frame, place, pin.FrameType.FIXED_JOINT, inertia))
         else:
@@ -156,6 +157,7 @@ class ModelBuilder:
     def _inertia(self, body: int) -> pin.Inertia:
         compiled = self._compiled
         mass = float(compiled.body_mass[body])
+        # ``compile_document`` gives moving bodies the smallest mass of MuJoCo where they have none.
         if mass <= SMALLEST:
             return pin.Inertia.Zero()
         place = pose(compiled.body_ipos[body], compiled.body_iquat[body])
@@ -210,8 +212,6 @@ class ModelBuilder:
         compiled = self._compiled
         body = compiled.site_bodyid[site]
         carrier = self.carriers[body]
-        if body == 0 and not compiled.site(site).name:
-            return
         number = site - next(k for k in range(compiled.nsite) if compiled.site_bodyid[k] == body)
         place = carrier.placement * pose(compiled.site_pos[site], compiled.site_quat[site])
         name = compiled.site(site).name or f"{carrier.name}Site_{number}"
@@ -459,6 +459,7 @@ def _read(compiled: mujoco.MjModel, k: int, built: ModelBuilder) -> _Shape:
         place,
         int(compiled.geom_type[k]),
         np.array(compiled.geom_size[k]),
+        # MuJoCo has colours in single precision, in which 0.8 is 0.800000012.
         np.round(color.astype(float), 6),
         compiled.mesh(mesh).name if is_mesh else "",
         np.array(compiled.mesh_scale[mesh]) if is_mesh else np.ones(3),

@@ -63,6 +63,7 @@ def read_urdf(
     _check_unique(root, path)
     _check_joints(root, path)
     meshes = Meshes(root, path, packages)
+    # Meshes are known now, whose boxes give the moments; the checks come after, because masses repair what they refuse.
     if masses:
         give_masses(root, masses, path)
     _check_links(root, path)
@@ -152,6 +153,7 @@ def _snap(root: ElementTree.Element) -> list[str]:
     ):
         for each in root.findall(owner):
             element = each.find(path)
+            # Words that are no numbers are left to urdfdom, which refuses them with their line.
             if element is not None and description.read_numbers(element.get(key), 3) is not None:
                 element.set(key, exact(element.get(key, ""), f"{where} '{each.get('name')}'"))
     return roundings.notes()
@@ -181,6 +183,7 @@ def _build(text: str, path: Path, base: str) -> pin.Model:
 
 def _first_complaint(lines: list[str]) -> str | None:
     """First error of urdfdom with its location, which urdfdom prints as a separate error after the cause."""
+    # Behind two blanks follows a place in the sources of urdfdom.
     errors = [line.removeprefix("Error:").strip().split("  ")[0] for line in lines if line.startswith("Error:")]
     if not errors:
         return None

@@ -74,6 +74,7 @@ class Meshes:
             name, kept = str(link.get("name")), 0
             for shape in link.findall(kind):
                 mesh = _mesh_of(shape)
+                # Pinocchio numbers the shapes of a link that stay: a mesh that is left out must not count.
                 found = None if mesh is None else self._load(mesh, shapes, missing, faults)
                 if mesh is not None and found is None:
                     link.remove(shape)

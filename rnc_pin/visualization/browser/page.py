@@ -199,6 +199,7 @@ def recorded_page(title: str, commands: Iterable[bytes], begin: float | None = N
         commands: drawing commands in order; the animation is last.
         begin: pause at this time [s]; by default the animation plays immediately.
     """
+    # Without a time stamp: equal runs have equal pages.
     text = base64.b64encode(gzip.compress(bundle(commands), 6, mtime=0)).decode("ascii")
     start = f'play_recording("{text}"' + (")" if begin is None else f", {begin!r})")
     parts = (VIEWER.read_text(encoding="utf-8"), _part("page.js"), start)

@@ -93,6 +93,7 @@ class CommandSocket(FilteredHandler, tornado.websocket.WebSocketHandler):
             self._receive(content)
             return
         told = content.get("secret") if isinstance(content, dict) else None
+        # Compared in constant time: the delay of an answer must not tell how much of a guess is right.
         self._admitted = isinstance(told, str) and hmac.compare_digest(told.encode(), self._secret.encode())
         if not self._admitted:
             self.close(4003, "wrong secret")
