@@ -235,32 +235,6 @@ def test_a_grain_of_dust_hangs_too():
     np.testing.assert_allclose(found.q, 0.0, atol=1e-8)
 
 
-def search_from(reduced, guess):
-    guess = np.asarray(guess, float)
-    known = np.zeros(reduced.r, dtype=bool)
-    return _Search(reduced, np.zeros(reduced.r), np.ones(reduced.n, dtype=bool), guess, None, known)
-
-
-def test_rows_that_say_nothing_take_no_direction_away():
-    """Of a pendulum on wheels without motors only the pitch matters: eight directions keep it."""
-    reduced = textbook.wheeled_pendulum(())
-    pitch = reduced.robot.velocity_indices("pitch").start
-    search = search_from(reduced, reduced.robot.configuration({"pitch": 0.3, "root_joint": (1.0, 2.0, 0.5)}))
-    step, basis = search._newton(search._at(search._guess, search._v2))
-    assert basis.shape == (reduced.n, reduced.n - 1)
-    np.testing.assert_allclose(basis[pitch], 0.0, atol=1e-12)
-    np.testing.assert_allclose(np.delete(step, pitch), 0.0, atol=1e-9)
-    assert step[pitch] == pytest.approx(-np.tan(0.3), rel=1e-9)
-
-
-@pytest.mark.parametrize(("step", "limited"), [
-    ([0.9, -0.15], [0.3, -0.05]), ([0.1, -1.2], [0.025, -0.3]), ([-0.29, 0.1], [-0.29, 0.1]), ([0.0, 0.0], [0, 0]),
-])  # fmt: skip
-def test_no_step_is_longer_than_three_tenths(step, limited):
-    search = search_from(textbook.hanging_chain([], 2), [0.1, 0.2])
-    np.testing.assert_allclose(search._limited(np.array(step)), limited, rtol=1e-14)
-
-
 L = 0.8
 
 
