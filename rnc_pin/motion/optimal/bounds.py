@@ -25,11 +25,9 @@ from rnc_pin.motion.planning.action_models import ActionModel, Nodes
 from rnc_pin.motion.whole_body.limits.joint_limits import limited_velocities
 from rnc_pin.robots.joint_values import limited_positions
 
-_FAR = 1e3  # [m], distance of a row without a pair
 DISTANCE = "distance"
 GOAL = "goal"
 _WORDS = {"input": "input", "velocity": "velocity", "output": "value", "slip": "speed"}
-_HORIZON = 0.5  # [m], distance beyond the clearance from which pairs have no row
 
 Limit = ArrayLike | Mapping[str, float] | None
 """A number, one for each row, or limits by name (none for the others); None for no limit."""
@@ -210,7 +208,8 @@ class DistanceRows(NodeBound):
 
     def __init__(self, bound: DistanceBound) -> None:
         self.distances, self.clearance = bound.distances, bound.clearance
-        self._within = bound.clearance + _HORIZON
+        horizon = 0.5  # [m], distance beyond the clearance from which pairs have no row
+        self._within = bound.clearance + horizon
         self._count = min(bound.pairs, len(bound.distances.pairs))
         names = [f"distance ({'nearest' if k == 0 else f'nearest {k + 1}'})" for k in range(self._count)]
         super().__init__(names, bound.clearance, None, True, ["m"] * self._count)
@@ -239,8 +238,9 @@ class DistanceRows(NodeBound):
 
     def rows(self, nodes: node_data.NodeData, derivatives: bool) -> node_data.RowValues:
         model = nodes.model
+        far = 1e3  # [m], distance of a row without a pair
         # A node with fewer near pairs has rows without effect: all nodes have the same number.
-        value = np.full((nodes.size, self._count), _FAR)
+        value = np.full((nodes.size, self._count), far)
         x = np.zeros((nodes.size, self._count, model.nx))
         places = list(zip(nodes.at.q, nodes.time.tolist(), strict=True))
         near = [self.at(q, t) for q, t in places]

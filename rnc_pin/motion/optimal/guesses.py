@@ -26,12 +26,8 @@ from rnc_pin.printing import counted
 GIVEN = "given"  # name of a guess of the caller
 _HARMONICS = 3
 _PAIRS = 6  # pairs of reducing outputs whose loops are tried: those of the largest effect
-_SMALL = 0.5  # [m or rad]; radius of the loops that choose them
 _RADII = np.geomspace(0.25, 3.0, 8)  # [m or rad]
 _TURNS = np.array([1.0, 2.0, 4.0])  # how often loops are driven
-_HALVED = 5  # times that the range of the radius is halved
-_MISSED = 0.3  # of the way that a loop may leave
-_LOOPS = 4  # loops that are tried
 _SHORT = 1e-6  # length of a segment of a path that counts as none, in turning radii
 _PATIENCE = 10  # singular random motions in succession after which no more are drawn
 
@@ -212,7 +208,8 @@ def _loops(problem: Transcription, line: Array, duration: float) -> Iterator[tup
             return
         circles, turns, at = circles[leading], turns[leading], np.argmax(crossed[leading], axis=1)
         low, high = known[at], known[at + 1]
-        for _ in range(_HALVED):
+        halved = 5  # times that the range of the radius is halved
+        for _ in range(halved):
             radii = 0.5 * (low + high)
             short = progress(circles, turns, radii) < 1.0
             low, high = np.where(short, radii, low), np.where(short, high, radii)
@@ -221,12 +218,14 @@ def _loops(problem: Transcription, line: Array, duration: float) -> Iterator[tup
     except RncError:
         return
     offsets = model.manifold.difference(paths[:, -1], np.repeat(line[-1:], len(paths), axis=0))
+    missed = 0.3  # of the way that a loop may leave
     # The radius brings the motion as far as the goal along the way to it; what it misses aside has to be small.
-    near = np.linalg.norm(offsets, axis=1) < _MISSED * np.sqrt(distance)
+    near = np.linalg.norm(offsets, axis=1) < missed * np.sqrt(distance)
     effort = np.square(np.diff(v2, axis=1)).sum(axis=(1, 2))
     bent = np.linspace(0.0, 1.0, K + 1)[:, None] ** 2  # no velocity is added at the start
     names = model.reduced.reducing.names
-    for number, k in enumerate([k for k in np.argsort(effort, kind="stable") if near[k]][:_LOOPS], 1):
+    loops = 4  # loops that are tried
+    for number, k in enumerate([k for k in np.argsort(effort, kind="stable") if near[k]][:loops], 1):
         path = model.manifold.integrate(paths[k], bent * offsets[k])
         pair = " and ".join(names[i] for i in np.flatnonzero(np.abs(circles[k]).max(axis=0)))
         yield f"loop {number}, of {pair}", along(model, path, duration, v2[k])
@@ -236,7 +235,8 @@ def _circles(r: int, progress: Callable[[Array, Array, Array], Array]) -> tuple[
     """First and second directions (n, 2, r) of circles through the start, and how often they are driven (n,)."""
     axes = np.eye(r)
     pairs = [axes[[i, j]] for i, j in combinations(range(r), 2)]
-    effect = np.abs(progress(np.array(pairs), np.ones(len(pairs)), np.full(len(pairs), _SMALL)))
+    small = 0.5  # [m or rad]; radius of the loops that choose the pairs
+    effect = np.abs(progress(np.array(pairs), np.ones(len(pairs)), np.full(len(pairs), small)))
     chosen = [pairs[k] for k in np.argsort(-effect, kind="stable")[:_PAIRS]]
     signs = np.array([[a, b] for a in (1.0, -1.0) for b in (1.0, -1.0)])
     circles = np.concatenate(

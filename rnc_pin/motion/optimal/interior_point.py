@@ -179,7 +179,6 @@ _EARLY = 1e-4, 1e-5  # tolerance far from the optimum: part of the last change o
 _EARLY_WARM = 1e-3, 1e-7  # complementarity at the start close to it: part of that change, and the smallest
 _SLOW = 12  # iterations after which such a start is given up
 _REST = 10.0  # part of the first residuals that may remain, relative to the tolerance
-_ENOUGH = 1e-5  # complementarity of a point that is of use
 
 
 @dataclass(frozen=True)
@@ -291,7 +290,8 @@ class InteriorPointSolver:
         N, nx, nz = p.AB.shape
         scale, costate, taken = _cost_scale(p), np.zeros((N + 1, nx)), np.zeros(1)
         given = tuple(np.ascontiguousarray(each) for each in p)
-        goal, useful, left = self._tolerance * scale, _ENOUGH * scale, _REST * self._tolerance
+        enough = 1e-5  # complementarity of a point that is of use
+        goal, useful, left = self._tolerance * scale, enough * scale, _REST * self._tolerance
         numbers = np.array([weight, most, _BOUNDARY, _STIFFEST, goal, useful, left])
         if _kernel.library.interior_point(N, nx, nz, p.limit.shape[1], *given, numbers, *point, costate, taken):
             if taken[0] == 0:

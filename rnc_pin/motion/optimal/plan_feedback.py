@@ -27,14 +27,10 @@ from rnc_pin.motion.planning.action_models import ActionModel, Form, Nodes, acti
 from rnc_pin.printing import ReprMixin
 from rnc_pin.references.reference import ReferencePoint
 
-_AT_REST = 1e-3  # part of an interval: a plan that brakes in less time ends at rest
-_APPROACH = 50.0  # rate of the motion that ends at a bound [1/s], if samples are shorter than 10 ms
 _HORIZON = 1000  # intervals of the regulator at rest
 FREQUENCY = 10.0  # of the closed loop [rad/s]: samples up to its inverse, 0.1 s, keep a double integrator stable
 _SMALL, _LEAST = 1e-6, 1e-9  # of the cost of an input, and of the largest: inputs that move the same share their work
 _RESERVE = 1e-3  # of a limit or range, of which feedback keeps away where its plan does, for motions within samples
-_SWEEPS = 3  # over the bounds of outputs that share inputs
-_TINY = 1e-300  # [rad/s^2 or m/s^2], where a plan stands
 _ROUNDING = 1e-12  # part of the largest velocity of the plan that is rounding
 
 
@@ -65,9 +61,11 @@ class PlanEnd:
         w = plan.w[-1:] if model.nw else np.zeros((1, model.r))
         largest = np.abs(plan.acceleration[:, :, : model.r]).max(axis=(0, 1))
         speed = np.where(np.abs(w[0]) > _ROUNDING * np.abs(plan.w).max(initial=0.0), np.abs(w[0]), 0.0)
-        least = np.maximum(speed / plan.duration, _TINY)  # a stop takes no longer than the plan
+        tiny = 1e-300  # [rad/s^2 or m/s^2], where a plan stands
+        least = np.maximum(speed / plan.duration, tiny)  # a stop takes no longer than the plan
         total, h = float((speed / np.maximum(largest, least)).max()), float(plan.time[-1] - plan.time[-2])
-        count = int(np.ceil(total / h - 1e-9)) if total >= _AT_REST * h else 0
+        at_rest = 1e-3  # part of an interval: a plan that brakes in less time ends at rest
+        count = int(np.ceil(total / h - 1e-9)) if total >= at_rest * h else 0
         self.duration = total if count else 0.0
         self._h, self._rates = total / max(count, 1), np.repeat(-w / (total or 1.0), max(count, 1), axis=0)
         found = [Nodes(plan.q[-1:], w)]
@@ -244,7 +242,8 @@ class PlanFeedback(ReprMixin):
         They approach a bound no faster than a critically damped motion ends there. If they are ahead of the plan by
         less than half of the room that it leaves, they may also approach the plan.
         """
-        model, rate = self._model, _APPROACH if self._model.nw else self.bandwidth / 4.0
+        approach = 50.0  # rate of the motion that ends at a bound [1/s], if samples are shorter than 10 ms
+        model, rate = self._model, approach if self._model.nw else self.bandwidth / 4.0
         rate = min(rate, 0.5 / dt) if dt > 0 else rate  # a faster approach would pass the bound within one sample
         outputs, speeds, inputs = self._sides.values()
         if len(outputs[0]) or len(speeds[0]):
@@ -276,7 +275,8 @@ class PlanFeedback(ReprMixin):
             # Usually nothing is beyond. Else each row in turn gets the least change of the inputs, and rows that share
             # inputs settle in a few sweeps: cheaper than a quadratic program, and never infeasible.
             if (np.clip(A @ u, low, high) != A @ u).any():
-                for row, least, most in list(zip(A, low, high, strict=True)) * _SWEEPS:
+                sweeps = 3  # over the bounds of outputs that share inputs
+                for row, least, most in list(zip(A, low, high, strict=True)) * sweeps:
                     now = row @ u
                     u = u + row * ((np.clip(now, least, most) - now) / max(row @ row, _ROUNDING))
         # Inputs last: actuators cannot exceed theirs, whatever the rows ask for.

@@ -21,9 +21,6 @@ from rnc_pin.motion.optimal.transcription import Iterate, Transcription
 from rnc_pin.motion.optimal.verification import Excess, RunLoop, excess_text, plan_findings, verify_inputs, verify_loop
 from rnc_pin.motion.planning.action_models import ActionModel, Nodes
 
-_TIGHTENED = 4  # times that nodes near places that come too close get a larger distance
-_HELPS = 2.0  # factor by which halved intervals reduce a violation that they cause
-_REFINED = 2  # times the iterations from a guess: those of all improvements of its solution
 _SAME = 0.1  # of the accuracy, but not less than the tolerance: two solutions whose states differ by less are the same
 
 
@@ -238,7 +235,8 @@ class PlanSearch:
         about the square of the length of the intervals, have narrower limits at once.
         """
         settings, problem = self._settings, self._problem
-        self._left, before, at = _REFINED * settings.iterations, np.inf, solution.iterate
+        refined = 2  # times the iterations from a guess: those of all improvements of its solution
+        self._left, before, at = refined * settings.iterations, np.inf, solution.iterate
         lacking = solution.iterations and problem.worst(problem.values(at), at.duration).amount > settings.tolerance
         made = self._improved(problem, solution) if lacking else None
         problem = self._narrow if lacking and made is None else problem
@@ -246,9 +244,10 @@ class PlanSearch:
         for _ in range(settings.refinements):
             made = found[-1]
             alone = made.alone.violation
+            helps = 2.0  # factor by which halved intervals reduce a violation that they cause
             # Errors of second order fall by four when intervals are halved. One that falls by less than two belongs to
             # an unstable motion, which feedback has to hold.
-            if alone <= settings.accuracy or (alone > before / _HELPS and made.confirmed):
+            if alone <= settings.accuracy or (alone > before / helps and made.confirmed):
                 break
             K, before = 2 * problem.K, alone
             # Between nodes, rows pass their limits by the square of the interval: a quarter of it will be left.
@@ -259,7 +258,8 @@ class PlanSearch:
                 break
             problem = finer
             found.append(after)
-        for _ in range(_TIGHTENED):
+        tightened = 4  # times that nodes near places that come too close get a larger distance
+        for _ in range(tightened):
             made = found[-1]
             beyond = [each.quantity for each in made.excesses if each.amount > settings.accuracy]
             # Margins help rows between nodes alone: a goal that is missed, or inputs, have none.

@@ -41,8 +41,6 @@ from rnc_pin.motion.planning.way import Way, intervals_along
 from rnc_pin.plants import ReducedPlant
 from rnc_pin.references.reference import Reference
 
-_AT_A_LIMIT = 1e-9  # of a value at its limit
-
 
 def build_problem(
     model: ActionModel,
@@ -167,7 +165,8 @@ def _check_free(costs: Sequence[CostKind], bounds: Sequence[BoundKind]) -> None:
 def _compare(what: str, bound: NodeBound, values: dict[str, float], room: float = 0.0) -> None:
     for name, title, low, high in zip(bound.names, bound.titles, bound.lower, bound.upper, strict=True):
         value = values.get(name)
-        around = [max(room, _AT_A_LIMIT * max(1.0, abs(limit))) for limit in (low, high)]
+        at_a_limit = 1e-9  # of a value at its limit
+        around = [max(room, at_a_limit * max(1.0, abs(limit))) for limit in (low, high)]
         if value is None or low - around[0] <= value <= high + around[1]:
             continue
         side, limit = ("above", high) if value > high else ("below", low)
@@ -177,9 +176,7 @@ def _compare(what: str, bound: NodeBound, values: dict[str, float], room: float 
 
 # ------------------------------------------------------------------ planning
 
-_POINTS = 400  # of a way
 _USUAL = 5  # guesses among whose solutions the cheapest is chosen, where the straight line does not hold the rows
-_ROUNDING = 1e-6  # of a velocity along the straight line
 _DEFAULT, _OF_FILE = SolverSettings(), FileLimits()
 
 RunFeedback = Literal["tvlqr", "plan"] | Callable[[MotionPlan], PlanFeedback | ArrayLike] | None
@@ -306,7 +303,8 @@ def plan_motion(
         # The configurations of a way alone first: a motion that need not stop at its nodes is smoother and faster.
         if wanted == 1:
             with suppress(InfeasibleError):
-                return solved(guess.at(np.linspace(0.0, guess.duration, _POINTS)), settings, 0)
+                points = 400  # of a way
+                return solved(guess.at(np.linspace(0.0, guess.duration, points)), settings, 0)
         most = motion_limits(build_problem(model, start, end, duration, costs, bounds, settings.nodes, limits))
         settings = replace(settings, nodes=intervals_along(guess, settings.nodes, longest, most))
     made = solved(guess, settings, seeds)
@@ -325,7 +323,8 @@ def _bends(problem: Transcription, line: Iterate) -> bool:
     v = problem.model.manifold.difference(line.q[:-1], line.q[1:]) * problem.K / line.duration
     reduced = problem.model.reduced
     allowed = reduced.at(line.q[:-1], np.einsum("kri,ki->kr", reduced.at(line.q[:-1]).J2, v)).v
-    return bool(np.abs(allowed - v).max() > _ROUNDING * np.abs(v).max())
+    rounding = 1e-6  # of a velocity along the straight line
+    return bool(np.abs(allowed - v).max() > rounding * np.abs(v).max())
 
 
 def _regulator(reduced: ReducedModel, feedback: RunFeedback, damped: bool, plan: MotionPlan) -> PlanFeedback:

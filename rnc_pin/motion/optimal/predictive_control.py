@@ -44,7 +44,6 @@ from rnc_pin.motion.planning.action_models import Form, Nodes, action_model
 from rnc_pin.verdict import MOSTLY, Finding, FindingKind, Severity
 
 _LONGEST = 6  # how often the time until the next search doubles
-_HELD = 0.01  # of a limit; the force is held between two samples, so that the acceleration departs from its bound
 
 
 class PredictiveState(NamedTuple):
@@ -185,8 +184,9 @@ class PredictiveController(DescribedMixin):
         if self.form != "acceleration":
             return ()
         names = self._model.input_names
+        held = 0.01  # of a limit: the force is held for a sample, so that the acceleration departs from its bound
         return tuple(
-            LimitedAcceleration(name.removesuffix("_dot"), "v2", names.index(name), low, high, _HELD)
+            LimitedAcceleration(name.removesuffix("_dot"), "v2", names.index(name), low, high, held)
             for bound in self._problem.bounds
             if bound.quantity == "input"
             for name, low, high in zip(bound.names, bound.lower.tolist(), bound.upper.tolist(), strict=True)

@@ -24,7 +24,6 @@ from rnc_pin.motion.optimal.interior_point import Direction, InteriorPointSolver
 from rnc_pin.motion.optimal.transcription import Iterate, Transcription, Values, Violation
 
 _LENGTHS = 0.5 ** np.arange(8)
-_SUFFICIENT = 1e-4  # part of the predicted decrease that a step has to reach
 _MOST_DAMPING, _LEAST_DAMPING, _FIRST_DAMPING = 1e6, 1e-8, 1e-3
 _MOST_WEIGHT, _HEAVIER = 1e9, 30.0
 _PATIENCE = 4  # iterations in which the violation has to be halved
@@ -226,7 +225,8 @@ class SequentialQuadratic:
             except RncError:  # a singular configuration: shorter steps may avoid it
                 continue
             now = self._merit(result, sizes)
-            if np.isfinite(now) and now <= merit - _SUFFICIENT * length * max(0.0, predicted) + rounding:
+            sufficient = 1e-4  # part of the predicted decrease that a step has to reach
+            if np.isfinite(now) and now <= merit - sufficient * length * max(0.0, predicted) + rounding:
                 return after, result, float(length)
         return None
 

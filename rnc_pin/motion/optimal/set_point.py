@@ -286,10 +286,7 @@ AT_REST = 0.02
 """Reduced velocity below which a robot stands [m/s or rad/s]."""
 TOLERANCE = 1e-2
 """Error at rest above which a set point is missed [m or rad]."""
-_APPROACH = 0.9  # of the homogeneous distance now: a predicted end farther away is none
 _LONGEST = 4  # horizons of the longest plan whose beginning is a first motion
-_SEEDS = 4  # of a search over one horizon
-_ACCURACY = 0.05  # of such a plan; the iterations of the controller correct it
 _NEARER = 0.5  # of the largest error now: a plan that misses its goal by less is of use
 
 QUADRATIC = "quadratic costs stall beside a set point of a nonholonomic robot; SetPointCost arrives (docs/optimal.md)"
@@ -309,7 +306,8 @@ def stalls(point: SetPoint, now: Nodes, q_end: Array) -> bool:
     if np.abs(now.w).max(initial=0.0) > AT_REST or not point.missed(now.q[0], TOLERANCE / 2):
         return False
     here, there = point.distance(np.stack([now.q[0], q_end]))
-    return bool(there > _APPROACH * here)
+    approach = 0.9  # of the homogeneous distance now: a predicted end farther away is none
+    return bool(there > approach * here)
 
 
 def nearer_plan(
@@ -355,10 +353,12 @@ def first_motion(
     """
     q, K, horizon = at.q[0], len(at.u), at.duration
     for times in (1, 2, _LONGEST):
+        accuracy = 0.05  # of a plan whose beginning is all that counts; the iterations of the controller correct it
         # Intervals of the same length: the first K of them are the motion of the controller.
-        settings = SolverSettings(nodes=times * K, refinements=0, accuracy=_ACCURACY)
+        settings = SolverSettings(nodes=times * K, refinements=0, accuracy=accuracy)
         given = partial(plan_motion, form=model.form, bounds=bounds, settings=settings, feedback="plan")
-        plan = nearer_plan(point, q, times * horizon, partial(given, seeds=_SEEDS // times, seed=seed))
+        seeds = 4  # of a search over one horizon
+        plan = nearer_plan(point, q, times * horizon, partial(given, seeds=seeds // times, seed=seed))
         if plan is not None and plan.info.violation <= settings.tolerance:
             return Iterate(np.array(plan.q), np.array(plan.w), np.array(plan.u), times * horizon)
     return None

@@ -20,7 +20,6 @@ from rnc_pin.motion.optimal.node_data import NodeData
 from rnc_pin.motion.planning.action_models import ActionModel, Nodes, StepDerivatives
 
 _LEAST = 1e-12
-_CLOSINGS = 2  # Newton steps: the gap of a second one is of fourth order
 _GOAL, _BOUND = 1e2, 1e6
 """Weights of the goal and of active bounds of inputs in the feedback, relative to the cost of typical inputs."""
 _ACTIVE = 1e-3  # distance from a limit that counts as active, in typical sizes
@@ -325,7 +324,8 @@ class Transcription:
         if self.model.form == "dynamic":
             # Inputs move velocities directly, and configurations by half a step: gaps of these are left to the solver.
             by_velocity = np.linalg.pinv(linear.B[-K:, nv:nx])
-            for _ in range(_CLOSINGS):
+            closings = 2  # Newton steps: the gap of a second one is of fourth order
+            for _ in range(closings):
                 after = self.model.step(Nodes(at.q[:-1], at.w[:-1]), at.u, np.full(K, at.duration / K))
                 at = at._replace(u=at.u + np.matvec(by_velocity, at.w[1:] - after.w))
         return at

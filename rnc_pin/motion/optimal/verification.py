@@ -21,8 +21,6 @@ from rnc_pin.verdict import Finding, FindingKind, Severity
 CONTACT = 1e-6  # [m], error of a measured distance
 _INPUTS = {"kinematic": FindingKind.VELOCITY, "acceleration": FindingKind.ACCELERATION, "dynamic": FindingKind.EFFORT}
 _KINDS = {"output": FindingKind.POSITION} | {kind: FindingKind(kind) for kind in ("goal", "velocity", "slip")}
-_ROUNDING = 1e-6  # of a number of samples, as of runs
-_DIVERGED = 100.0  # error of a loop whose motion diverges [m, rad, m/s or rad/s]
 
 
 class RunLoop(NamedTuple):
@@ -111,7 +109,8 @@ def verify_loop(
     rank = np.linalg.matrix_rank(reduced.at(start.q[0]).input_matrix) if reduced.p else 0
     free = model.form == "kinematic" or (model.form == "acceleration" and rank < model.r)
     plant = None if free else (loop.plant or ReducedPlant(reduced)).twin()  # the caller's plant keeps its state
-    count, errors = int(np.ceil(at.duration / dt - _ROUNDING)), list[float]()
+    rounding = 1e-6  # of a number of samples, as of runs
+    count, errors = int(np.ceil(at.duration / dt - rounding)), list[float]()
     own: FeedbackState | None = None
 
     def advance(k: int, now: Nodes) -> tuple[Nodes, Array]:
@@ -121,7 +120,8 @@ def verify_loop(
         state = reduced.at(now.q[0], v2) if plant is None else plant.state
         command, own = controller.step(k * dt, state.measure(np.zeros(model.r)), own)
         errors.append(float(np.abs(own.dx).max()))
-        if not errors[-1] < _DIVERGED:  # NaN too; a loop that explodes would take long and overflow
+        diverged = 100.0  # error of a loop whose motion diverges [m, rad, m/s or rad/s]
+        if not errors[-1] < diverged:  # NaN too; a loop that explodes would take long and overflow
             raise DivergenceError("the motion diverges")
         if plant is None:
             return model.step(now, own.u[None], np.array([dt])), own.u

@@ -19,7 +19,6 @@ from rnc_pin.motion.planning.action_models import KinematicModel, Nodes
 from rnc_pin.motion.planning.exact_steering import AimedSteering, CarSteering
 from rnc_pin.motion.planning.way import Way
 
-_SPACING = 0.05  # [m or rad]; largest displacement between two gains of the feedback
 _SAME = 1e-9  # relative difference of velocities without a stop between them
 _END = 1e-9  # [s] before a place of the way that counts as the place
 
@@ -176,7 +175,8 @@ class WayFollower(DescribedMixin):
     def _gains_along(self) -> tuple[Float[Array, " m"], Float[Array, "m r nv"]]:
         """Places, and gains of a linear-quadratic regulator from each to the next, at the speeds of the way."""
         durations = np.diff(self.way.time)
-        counts = np.maximum(np.ceil(np.abs(self._v).max(axis=1) * durations / _SPACING), 1.0).astype(int)
+        spacing = 0.05  # [m or rad]; largest displacement between two gains of the feedback
+        counts = np.maximum(np.ceil(np.abs(self._v).max(axis=1) * durations / spacing), 1.0).astype(int)
         h, k = np.repeat(durations / counts, counts), np.repeat(np.arange(len(self._v)), counts)
         places = np.concatenate([[0.0], np.cumsum(h)[:-1]])
         q = self.way.at(places)

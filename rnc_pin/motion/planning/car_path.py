@@ -24,7 +24,6 @@ from rnc_pin.references.reference import InTurn, Reference
 
 _STEEPEST = np.deg2rad(75.0)
 FINE = 201  # points of a leg at which its curvature is checked
-_MARGIN = 0.99  # factor on the largest curvature: between samples the curvature may be slightly larger
 # Angles of charts from the mean heading, as parts of the angle that the limit of 75 degrees leaves.
 _OFFSETS = np.array([0.0, -0.25, 0.25, -0.5, 0.5, -0.8, 0.8])
 
@@ -130,7 +129,8 @@ def best_leg(start: Float[Array, " 3"], goal: Float[Array, " 3"], radius: float,
     square = 1 + slope**2
     bend = (dy / dx * bends[0] + first * bends[1] + last * bends[2]) / dx
     tightness = (bend * radius) ** 2 / square**3  # (radius curvature)^2
-    drivable = ((tightness <= _MARGIN**2) & (square <= 1 + np.tan(_STEEPEST) ** 2)).all(axis=1)
+    margin = 0.99  # factor on the largest curvature: between samples the curvature may be slightly larger
+    drivable = ((tightness <= margin**2) & (square <= 1 + np.tan(_STEEPEST) ** 2)).all(axis=1)
     if not drivable.any():
         raise InfeasibleError(
             f"no {'forward ' if forward_only else ''}leg from {_words(start)} to {_words(goal)} with turns of at least "

@@ -36,18 +36,12 @@ from rnc_pin.motion.planning.action_models import KinematicFlow
 from rnc_pin.robots.joint_values import NO_LIMIT, SingleJoint
 
 _STEEPEST = np.deg2rad(80.0)  # largest steering angle of a joint without limits
-_GRID = 161  # steering angles at which the curvature is evaluated
-_ROUNDED = 1e-12  # error of a curvature, relative to the largest one, that rounding may cause
 _SHORT = 1e-12  # displacement [m or rad] that is left out
-_TURN = 1.7  # [rad]; longest turn of one displacement, below a half turn about any axis
 _LAST_TURNS = {"JointModelPlanar": 1, "JointModelFreeFlyer": 3}  # velocities that turn; all of other circles and balls
 _EXACT = 1e-9  # [m or rad]; changes that rounding may cause
 _PARTS = np.array([0.0, 0.4, 1.0])  # of a motion, at which the velocities of followers are compared
-_FINE = 0.02  # [m or rad]; steps of a motion in which followers change their velocities
 _OFFSETS = 0.3 * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])  # [lengths of the base, rad] of a motion's middle
 _PASSED = np.linspace(0.0, 1.0, 9)  # parts of a turn at which rows have to be independent
-_INDEPENDENT = 0.02  # smallest singular value of the guides
-_PATHS = 3  # shortest paths of a car that are tried
 
 
 def base_axes(model: pin.Model) -> int:
@@ -152,9 +146,10 @@ class Steering(ABC):
 
     def along(self, start: Float[Array, " nq"], steps: Float[Array, "k nv"]) -> ExactMotion:
         """Motion along displacements, with long turns divided: two configurations do not tell them from short ones."""
+        turn = 1.7  # [rad]; longest turn of one displacement, below a half turn about any axis
         # A base and a ball turn by the logarithm of a rotation, which is the shorter turn: two nodes more than half a
         # turn apart would tell of the opposite motion.
-        counts = np.maximum(np.ceil(np.abs(steps[:, self._turns]).max(axis=1, initial=0.0) / _TURN), 1.0).astype(int)
+        counts = np.maximum(np.ceil(np.abs(steps[:, self._turns]).max(axis=1, initial=0.0) / turn), 1.0).astype(int)
         steps = np.repeat(steps / counts[:, None], counts, axis=0)
         found, led = [np.array(start)], self.couplings.velocities
         for step in steps:
@@ -177,7 +172,8 @@ class Steering(ABC):
                 raise ConfigurationError("find_way: the rows do not allow a motion of the exact steering")
             # A wheel of a base on an arc keeps its rate, and one step is exact. A caster swings round behind it.
             changes = np.ptp(v, axis=0).max() > _EXACT
-            pieces = int(np.ceil(np.abs(step).max() / _FINE)) if changes else 1
+            fine = 0.02  # [m or rad]; steps of a motion in which followers change their velocities
+            pieces = int(np.ceil(np.abs(step).max() / fine)) if changes else 1
             geodesic = geodesic and not changes
             for _ in range(pieces):
                 steps.append(flow.velocity(q[-1][None], step[None] / pieces)[0])
@@ -285,7 +281,8 @@ class CarSteering(_AxleSteering):
         low, high = (each[self._joint.idx_q] for each in (model.lowerPositionLimit, model.upperPositionLimit))
         unlimited = self._joint.continuous or not low < high or max(-low, high) > NO_LIMIT
         free = room * (high - low)
-        angles = np.linspace(*((-_STEEPEST, _STEEPEST) if unlimited else (low + free, high - free)), _GRID)
+        grid = 161  # steering angles at which the curvature is evaluated
+        angles = np.linspace(*((-_STEEPEST, _STEEPEST) if unlimited else (low + free, high - free)), grid)
         curvatures = np.array([self._curvature(angle) for angle in angles])
         middle, slopes = int(np.nanargmin(np.abs(curvatures))), np.diff(curvatures)
         # Around straight ahead, the curvature is monotonic; beyond the first turning points, or where rows are
@@ -299,8 +296,9 @@ class CarSteering(_AxleSteering):
                 f"joint '{reduced.robot.velocity_names[joint]}' steers the base from a curvature of {ends.min():.3g} "
                 f"to {ends.max():.3g} 1/m: a way needs turns to both sides"
             )
+        rounded = 1e-12  # error of a curvature, relative to the largest one, that rounding may cause
         # At the end itself, rounding would decide on the sign.
-        largest = (1.0 - _ROUNDED) * float(min(-ends.min(), ends.max()))
+        largest = (1.0 - rounded) * float(min(-ends.min(), ends.max()))
         self.radius, bracket = 1.0 / largest, angles[[first, last]]
         self._angles = dict[int, float]()
         for side in (-1, 0, 1):
@@ -330,8 +328,9 @@ class CarSteering(_AxleSteering):
         return float(turn / speed) if abs(speed) > 1e-6 and held.all() else np.nan
 
     def displacements(self, start: Array, goal: Array) -> Iterator[Array]:
+        paths = 3  # shortest paths of a car that are tried
         # Each path costs a check of distances, and a search has many pairs to try; a guess takes all of them.
-        for word in self._words(start, goal)[:_PATHS]:
+        for word in self._words(start, goal)[:paths]:
             yield self._steered(word, start, goal)
 
     def paths(self, start: Float[Array, " nq"], goal: Float[Array, " nq"]) -> Iterator[tuple[ExactMotion, Word]]:
@@ -426,7 +425,8 @@ class AimedSteering(Steering):
         for turns in (turn[None], np.diag(turn), np.diag(turn)[::-1]):
             before = np.cumsum(turns, axis=0) - turns
             passed = (before[:, None] + _PASSED[:, None] * turns[:, None]).reshape(-1, len(turn))
-            if min(self._base.independence(motion, each) for each in passed) > _INDEPENDENT:
+            independent = 0.02  # smallest singular value of the guides
+            if min(self._base.independence(motion, each) for each in passed) > independent:
                 return np.asarray(turns @ np.eye(len(self.planned))[self._base.pivots])
         return None
 

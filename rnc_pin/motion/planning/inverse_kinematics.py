@@ -23,7 +23,6 @@ from rnc_pin.robots.joint_values import NO_LIMIT
 
 _CLOSED = 1e-9  # largest residual of holonomic rows of a solution [m or rad]
 _ROUNDING = 1e-13
-_FLAT = 1e-13  # relative decrease of the squared error that still counts at a flat minimum
 _LIMIT = 1e-8  # distance from a limit that counts as active [rad or m]
 _REPULSION = 3.0  # weight of collisions relative to targets
 _EXTRA = 1e-3  # distance beyond the clearance that the search keeps [m]
@@ -184,9 +183,10 @@ def solve_ik(
             f"targets {', '.join(problem.targets.labels)} are undefined at all {search.starts} starts"
         )
     if not problem.solves(best.q, search.tolerance):
+        flat = 1e-13  # relative decrease of the squared error that still counts at a flat minimum
         # Minima beyond the reach are flat: the usual progress ends a descent early, and the nearest configuration would
         # be inexact. Only the best one is worth the further steps.
-        best = problem.closed(descend(problem.evaluate, problem.bounds, best.q, progress=_FLAT))
+        best = problem.closed(descend(problem.evaluate, problem.bounds, best.q, progress=flat))
         steps += best.steps
     return problem.result(problem.with_fewest_turns(best.q, q0), search.tolerance, count, steps)
 
@@ -333,8 +333,6 @@ _EXACT = 1e-13  # error at which the descent stops
 _STATIONARY = 1e-10  # largest gradient of a minimum, and largest motion to a bound
 _DAMPING, _LEAST, _MOST = 0.5, 1e-10, 1e6  # damping over the square of the error, and its limits
 _STALLS = 8  # number of stalled steps that end a descent
-_DESCENT_ROUNDING = 1e-14  # relative change of the squared error that rounding hides
-_BOLDEST = 1e-4  # smallest factor of the damping
 _DEPENDENT = 1e-9
 _AT_LIMIT = 1e-9
 
@@ -432,10 +430,12 @@ def descend(
         ahead_q = bounds.clip(pin.integrate(bounds.model, q, dq))
         ahead = evaluate(ahead_q)
         after = _merit(ahead)
+        descent_rounding = 1e-14  # relative change of the squared error that rounding hides
         # Near a minimum beyond reach, rounding hides the decrease: only the gradient still shows progress.
-        if after <= (1.0 + _DESCENT_ROUNDING) * merit:
+        if after <= (1.0 + descent_rounding) * merit:
             stalls = stalls + 1 if after > (1.0 - progress) * merit else 0
-            q, here, merit, factor = ahead_q, ahead, after, max(factor / 4.0, _BOLDEST)
+            boldest = 1e-4  # smallest factor of the damping
+            q, here, merit, factor = ahead_q, ahead, after, max(factor / 4.0, boldest)
         else:
             stalls += 1
             factor *= 8.0

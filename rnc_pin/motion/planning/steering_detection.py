@@ -28,9 +28,7 @@ from rnc_pin.motion.planning.exact_steering import (
 )
 from rnc_pin.robots.joint_values import limited_positions
 
-_STEPS = 100  # table steps from curvature zero to the largest; interpolated outputs are exact to 1e-9
 _ROUNDED = 1e-3  # side slip, or motion while the vehicle only steers, that rounding in a file may cause
-_FLAT = 1e-3  # slope of the curvature, relative to the first slope, below which the table ends
 
 
 class _Row(NamedTuple):
@@ -111,7 +109,8 @@ class SteeringGeometry:
     def _march(self, q: Array, first: _Row, sign: float) -> list[_Row]:
         """Table rows in one direction of curvature, up to the largest curvature or the end of the output's range."""
         found: list[_Row] = []
-        row, step = first, sign * self._largest / _STEPS
+        steps = 100  # table steps from curvature zero to the largest; interpolated outputs are exact to 1e-9
+        row, step = first, sign * self._largest / steps
         while sign * row.curvature < self._largest:
             try:
                 q = self._steered(q, step / row.curvature_slope)
@@ -119,8 +118,9 @@ class SteeringGeometry:
             except (SingularityError, ConstraintError):
                 break
             turned = sign * (row.curvature - (found[-1] if found else first).curvature) <= 0
+            flat = 1e-3  # slope of the curvature, relative to the first slope, below which the table ends
             # Beyond the turning point of the curvature, the inverse would have two values.
-            if turned or row.curvature_slope / first.curvature_slope < _FLAT or self._is_outside(q):
+            if turned or row.curvature_slope / first.curvature_slope < flat or self._is_outside(q):
                 break
             found.append(row)
         return found

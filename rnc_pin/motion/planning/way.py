@@ -19,9 +19,6 @@ from rnc_pin.motion.planning.way_search import drive_times, speed_limits
 from rnc_pin.printing import Line, ObjectSummary, SummaryMixin, counted, items
 
 _SAME = 1e-9  # change of the direction of planned velocities that is none
-_JUMP = 1e-6  # change of the direction of reduced velocities above which a motion stops in between
-_TURN = 0.02  # the same for propagated ways, whose nodes give velocities to the accuracy of a step
-_SEEN = 1.0  # [m]; the narrowest place is looked for within this distance
 
 Limits = tuple[Float[Array, " r"], Float[Array, " r"]]
 """Largest reduced velocities and accelerations; infinite without a limit."""
@@ -87,7 +84,8 @@ class Way(SummaryMixin):
         """Narrowest place beside obstacles; None if none is nearer than 1 m. It is measured when it is asked for."""
         if self.checker is None or not len(self.v):
             return None
-        return self.checker.narrowest(self.time, self.q, _SEEN)
+        seen = 1.0  # [m]; the narrowest place is looked for within this distance
+        return self.checker.narrowest(self.time, self.q, seen)
 
     @cached_property
     def _manifold(self) -> ConfigurationManifold:
@@ -212,7 +210,9 @@ def _straight(steps: Float[Array, "n k"], jump: float) -> tuple[Float[Array, " n
 def _pieces(way: Way, limits: Limits) -> _Pieces:
     u = np.matvec(way.reduced.at(way.q[:-1]).J2, way.v)
     k = np.flatnonzero(np.abs(u).max(axis=1))
-    sizes, first = _straight(u[k], _JUMP if way.geodesic else _TURN)
+    jump = 1e-6  # change of the direction of reduced velocities above which a motion stops in between
+    turn = 0.02  # of propagated ways, whose nodes give velocities to the accuracy of a step
+    sizes, first = _straight(u[k], jump if way.geodesic else turn)
     ends = np.concatenate([[0.0], np.cumsum(sizes * np.diff(way.time)[k])])
     directions = u[k] / sizes[:, None]
     with np.errstate(divide="ignore"):

@@ -23,8 +23,6 @@ from rnc_pin.motion.planning.exact_steering import ExactMotion, Steering
 from rnc_pin.motion.planning.inverse_kinematics import IkResult, IkSearch, TangentBounds, solve_ik
 from rnc_pin.robots.robot import Robot
 
-_FINER = 0.1  # tolerance of the second check of wheels that follow, in tolerances of the first one
-_SPACING = 0.1  # [m or rad] between the samples that are looked at before the bounds
 _HALVED = 1.0 - np.array([int(f"{k:04b}"[::-1], 2) for k in range(16)]) / 16.0
 """Fractions of a motion, in an order that finds collisions early: the end, the middle, the quarters, ..."""
 
@@ -98,7 +96,8 @@ class WayChecker:
             followers: mask of the velocities of joints that follow.
         """
         moved = self.distances.depends_on(followers)
-        tolerance = _FINER * self.tolerance
+        finer = 0.1  # tolerance of the second check of wheels that follow, in tolerances of the first one
+        tolerance = finer * self.tolerance
         least = self._least - self.tolerance + tolerance
         time, within = np.arange(len(motion.q), dtype=float), self.clearance + self.tolerance
         found = continuous_distances(self.distances, time, motion.q, within, tolerance)
@@ -110,7 +109,8 @@ class WayChecker:
             return motion.q[:1]
         lengths = np.abs(motion.steps).max(axis=1)
         ends = np.cumsum(lengths)
-        wanted = _HALVED[: int(np.clip(ends[-1] / _SPACING, 2, len(_HALVED)))] * ends[-1]
+        spacing = 0.1  # [m or rad] between the samples that are looked at before the bounds
+        wanted = _HALVED[: int(np.clip(ends[-1] / spacing, 2, len(_HALVED)))] * ends[-1]
         before = np.minimum(np.searchsorted(ends, wanted), len(lengths) - 1)
         parts = 1.0 - (ends[before] - wanted) / lengths[before]
         return self.manifold.integrate(motion.q[before], parts[:, None] * motion.steps[before])
@@ -147,7 +147,6 @@ def way_checker(
 # ------------------------------------------------------------------ goals
 
 _DRAWN = 4  # random starts for each further goal configuration
-_ALIKE = 3  # random configurations at a goal with the same distance to the same obstacle: all others have it too
 
 
 def check_configuration(reduced: ReducedModel, checker: WayChecker | None, q: Array, what: str) -> None:
@@ -246,7 +245,8 @@ def goal_configurations(
     def same_problem() -> str:
         """Problem that configurations from random starts share: the goal leaves no choice; "" if they differ."""
         generator, problems = np.random.default_rng(seed), set[str]()
-        for _ in range(_ALIKE):
+        alike = 3  # random configurations at a goal with the same distance to the same obstacle: all others have it too
+        for _ in range(alike):
             result, _, problem = reached(drawn(generator), 20)
             if not result.converged:
                 return ""

@@ -30,7 +30,6 @@ from rnc_pin.motion.planning.way_checking import WayChecker, check_configuration
 from rnc_pin.motion.planning.way_propagation import DEVIATION, PropagatedSearch
 from rnc_pin.motion.planning.way_search import SHORTER, SearchBudget, WaySearch, base_area, drive_times, speed_limits
 
-_FIRST = 400  # motions of the first search, in which joints stay within the range of start and goals
 _ATTEMPT = 4000  # motions of each further search, before it starts again with other random numbers
 _ROOM = 0.02  # of the range of a steering joint, at each end: feedback along a way needs it
 
@@ -181,9 +180,10 @@ def _fastest(
     shortest = np.inf
     while True:
         if motion is None:
+            first = 400  # motions of the first search, in which joints stay within the range of start and goals
             # At first the joints of a mobile robot stay within the range of start and goals: most ways need its base
             # alone, and the space of the arm's joints is much larger.
-            held, most = (every, _FIRST) if tight else (settings.hold, _ATTEMPT)
+            held, most = (every, first) if tight else (settings.hold, _ATTEMPT)
             motion = search.run(held, most, seed + attempt)
             attempt += 1
         if motion is not None:

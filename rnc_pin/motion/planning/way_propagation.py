@@ -24,17 +24,14 @@ from rnc_pin.robots.joint_values import NO_LIMIT
 DEVIATION = 5e-4
 """Largest distance [m] between a motion and the geodesics between its nodes, which are checked for collisions."""
 
-_JOINTS = 0.5  # [m]; metric: joints count as a path of this length for 1 rad
 _LONGEST = 1.0  # [m or rad] of a propagated motion; each edge has two
 _COARSE, _FINE = 5, 0.01  # steps of a motion in the search, and length of the steps of a way [m or rad]
 _CHOICES = 24  # random motions of which the one that ends nearest to the target is taken
 _NEAR = 0.6  # [m]; trees that are nearer are joined
-_RANDOM = 0.6  # share of targets that are random; others are places of the other tree
 _MADE, _TRIED = 0.05, 0.3  # [m]; nodes with children, and those without a free motion, count as farther away
 _NEWTON, _CHORD = 12, 12  # largest numbers of iterations
 _EXACT, _END = 1e-11, 3e-10  # [m or rad] largest errors where motions follow each other, and at the goal
 _LOOSE = 100.0  # weight of the inputs beside that of the nodes, when ways are made shorter
-_FADED = 0.05  # share of the inputs below which shortening ends
 
 
 class _Tree:
@@ -106,7 +103,8 @@ class PropagatedSearch:
         low, high = np.array(model.lowerPositionLimit), np.array(model.upperPositionLimit)
         limited = (low < high) & (low > -NO_LIMIT) & (high < NO_LIMIT)
         self._low, self._high = np.where(limited, low, -np.inf), np.where(limited, high, np.inf)
-        self._weights = np.where(planned, _JOINTS, 0.0)  # a wheel that follows is as near at any angle
+        joints = 0.5  # [m]; metric: joints count as a path of this length for 1 rad
+        self._weights = np.where(planned, joints, 0.0)  # a wheel that follows is as near at any angle
         self._box = np.where(limited, [low, high], self._start + np.array([[-np.pi], [np.pi]]))
         if size := base_axes(model):
             self._weights[: model.joints[1].nv] = 1.0
@@ -135,7 +133,8 @@ class PropagatedSearch:
             tree, other = trees[grown], trees[1 - grown]
             # Towards the other tree for the rest: both have to meet.
             target = other.q[generator.integers(other.size)]
-            if generator.random() < _RANDOM:
+            random = 0.6  # share of targets that are random; others are places of the other tree
+            if generator.random() < random:
                 target = pin.randomConfiguration(self._flow.reduced.robot.model, *self._box)
             if self._extended(tree, target, generator):
                 apart = self._distances(other.q, tree.q[-1])
@@ -360,7 +359,8 @@ class PropagatedSearch:
         """
         share = 0.4
         for _ in range(tries):
-            if self._budget.is_over or share < _FADED:
+            faded = 0.05  # share of the inputs below which shortening ends
+            if self._budget.is_over or share < faded:
                 break
             kept = self._nodes, self._inputs
             found = self._exact(*kept, share)

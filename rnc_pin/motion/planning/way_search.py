@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
 _REACH = 0.3  # [m]; metric of joints: a turn by 1 rad counts as a path of this length
 _TURN = np.pi  # [rad]; range of revolute joints without limits, to both sides
-_SLIDE = 1.0  # [m]; the same for prismatic ones
 
 
 class WaySpace:
@@ -112,8 +111,9 @@ class WaySpace:
         if tight:  # OMPL refuses a range of length zero
             return first - 1e-9, last + 1e-9
         low, high = float(self._model.lowerPositionLimit[entry]), float(self._model.upperPositionLimit[entry])
+        slide = 1.0  # [m]; range of prismatic joints without limits, to both sides
         # A joint without limits has a range all the same: samples need one.
-        room = _SLIDE if kind.startswith("JointModelP") else _TURN
+        room = slide if kind.startswith("JointModelP") else _TURN
         if not low < high:
             low, high = -np.inf, np.inf
         low = low if low > -NO_LIMIT else first - room
@@ -194,7 +194,6 @@ def base_area(
 # ---------------------------------------------------------------------- way search
 
 
-_USUAL_SPEED = 1.0  # [m/s or rad/s] of a joint without a limit
 SHORTER = 1e-3
 """Relative decrease of the duration that is worth a change."""
 
@@ -456,4 +455,5 @@ def drive_times(steps: Float[Array, "k nv"], speeds: Float[Array, " nv"]) -> Flo
 def speed_limits(reduced: ReducedModel, planned: Bool[Array, " nv"]) -> Float[Array, " nv"]:
     """Largest speeds (nv,) of the robot's file; without one, 1 m/s or 1 rad/s, and any speed for joints that follow."""
     limits = known_velocity_limits(reduced.robot.model)
-    return np.where(np.isfinite(limits) | ~planned, limits, _USUAL_SPEED)
+    usual_speed = 1.0  # [m/s or rad/s] of a joint without a limit
+    return np.where(np.isfinite(limits) | ~planned, limits, usual_speed)
