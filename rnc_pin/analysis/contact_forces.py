@@ -7,6 +7,7 @@ from contextlib import suppress
 from typing import cast
 
 import numpy as np
+import scipy
 
 from rnc_pin.analysis.normal_forces import ContactLines, NormalForces, contacts_of
 from rnc_pin.array_shapes import Array, Bool, Float
@@ -229,16 +230,9 @@ def dependent_groups(linked: Bool[Array, "m m"]) -> list[list[int]]:
     Args:
         linked: True for pairs of contacts that a common choice changes.
     """
-    groups: list[list[int]] = []
-    left = set(np.flatnonzero(linked.diagonal()).tolist())
-    while left:
-        group = [left.pop()]
-        for each in group:  # which grows
-            found = left & set(np.flatnonzero(linked[each]).tolist())
-            group += found
-            left -= found
-        groups.append(sorted(group))
-    return sorted(groups)
+    _, group = scipy.sparse.csgraph.connected_components(linked)
+    chosen = dict.fromkeys(group[linked.diagonal()].tolist())
+    return [np.flatnonzero(group == each).tolist() for each in chosen]
 
 
 class Grip(SummaryMixin):

@@ -109,27 +109,25 @@ def equilibrium(
         2.125
     """
     q = admit_numbers(guess, "guess")
-    given, open_rates = velocities(reduced, v2)
+    given, open_rates = _velocities(reduced, v2)
     _ = reduced.at(q)  # raises an error for an invalid configuration
     if q.ndim > 1:
         raise InputError(f"the guess has shape {q.shape}, expected one configuration ({reduced.robot.nq},)")
     moves = reduced.affine or bool(given.any()) or bool(open_rates.any())
     # At rest every configuration is a candidate; symmetries cost derivatives at several states.
     symmetries = find_symmetries(reduced, q, cyclic) if moves else None
-    return search(reduced, q, given, hold, symmetries, open_rates)
+    free = np.ones(reduced.n, dtype=bool)
+    for joint in hold:
+        free[reduced.robot.velocity_indices(joint)] = False
+    looking = _Search(reduced, given, free, q, symmetries, open_rates)
+    found = looking.back_towards_the_guess(looking.any_near())
+    state = reduced.at(found.q, found.v2)
+    left = state.inverse_dynamics(np.zeros(reduced.r)) - state.input_matrix @ found.T
+    return Equilibrium(found.q, found.T, float(np.abs(left).max()), found.v2)
 
 
-def velocities(reduced: ReducedModel, v2: Velocities | None) -> tuple[Array, Array]:
-    """Reduced velocities (r,), and a mask (r,) of the unknown ones.
-
-    Args:
-        reduced: the model.
-        v2: all reduced velocities (r,), or some by name; None for rest.
-
-    Raises:
-        InputError: the shape does not fit.
-        ModelError: unknown reducing output.
-    """
+def _velocities(reduced: ReducedModel, v2: Velocities | None) -> tuple[Array, Array]:
+    """Reduced velocities (r,), all or some of them given, and a mask (r,) of the unknown ones."""
     found, names = np.zeros(reduced.r), reduced.reducing.names
     if v2 is None:
         return found, np.zeros(reduced.r, dtype=bool)
@@ -138,34 +136,6 @@ def velocities(reduced: ReducedModel, v2: Velocities | None) -> tuple[Array, Arr
     given = [place_of(name, names, "v2: no reducing output", ModelError) for name in v2]
     found[given] = vector(np.array(list(v2.values()), dtype=float), len(v2), "v2")
     return found, ~np.isin(np.arange(reduced.r), given)
-
-
-def search(
-    reduced: ReducedModel,
-    guess: Array,
-    v2: Array,
-    hold: Sequence[str],
-    symmetries: Symmetries | None,
-    open_rates: Array,
-) -> Equilibrium:
-    """Return the solution nearest to a guess (q, v2) among motions along ``symmetries``; at rest if they are None.
-
-    Args:
-        reduced: the model.
-        guess: configuration (nq,) to start from.
-        v2: reduced velocities (r,); the unknown ones are a guess.
-        hold: joints whose positions stay.
-        symmetries: symmetries of the model; None at rest.
-        open_rates: True (r,) for the unknown reduced velocities.
-    """
-    free = np.ones(reduced.n, dtype=bool)
-    for joint in hold:
-        free[reduced.robot.velocity_indices(joint)] = False
-    looking = _Search(reduced, v2, free, guess, symmetries, open_rates)
-    found = looking.back_towards_the_guess(looking.any_near())
-    state = reduced.at(found.q, found.v2)
-    left = state.inverse_dynamics(np.zeros(reduced.r)) - state.input_matrix @ found.T
-    return Equilibrium(found.q, found.T, float(np.abs(left).max()), found.v2)
 
 
 class _Point(NamedTuple):

@@ -5,7 +5,6 @@ Elements receive the states in time order. Live views and recordings use the sam
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -42,8 +41,8 @@ class LayerEntry(NamedTuple):
 
 
 @dataclass(eq=False)
-class Element(ABC):
-    """Drawn element of the scene.
+class Element:
+    """Drawn element of the scene. Some have nothing to build, and some never change.
 
     Attributes:
         entry: its entry in the legend; elements of one layer share an entry.
@@ -58,14 +57,13 @@ class Element(ABC):
         """Path of its node in the scene."""
         return f"{self.entry.layer}/{self.name}"
 
-    def build(self, scene: MeshcatScene) -> None:  # noqa: B027, some have nothing to build
+    def build(self, scene: MeshcatScene) -> None:
         """Draw the initial content.
 
         Args:
             scene: scene to draw in.
         """
 
-    @abstractmethod
     def update(self, scene: MeshcatScene, state: DrawnState) -> None:
         """Show a state.
 
@@ -84,9 +82,6 @@ class FixedPath(Element):
 
     def build(self, scene: MeshcatScene) -> None:
         scene.path(self.node, self.points, self.entry.color, self.width, self.entry.sign)
-
-    def update(self, scene: MeshcatScene, state: DrawnState) -> None:
-        pass
 
 
 @dataclass(eq=False)

@@ -14,10 +14,10 @@ import pinocchio as pin
 
 from rnc_pin.errors import SingularityError
 from rnc_pin.model.rows import RowStack
-from rnc_pin.simulation import PlannedPath, RunInfo, Trajectory
+from rnc_pin.simulation import RunInfo, Trajectory
 from rnc_pin.visualization import elements as e
 from rnc_pin.visualization import meshcat_scene
-from rnc_pin.visualization.drawn_state import DrawnModel, DrawnState, View, tracked_frames
+from rnc_pin.visualization.drawn_state import RATE, DrawnModel, DrawnState, View, tracked_frames
 from rnc_pin.visualization.elements import Overlay, SceneKinematics
 from rnc_pin.visualization.scene_bodies import MeshcatRobot, corners_over_time, ground_elements, obstacle_elements
 
@@ -80,6 +80,11 @@ class RunScene:
         self.size = float(np.clip(np.linalg.norm(np.ptp(self.kinematics.corners(first.q), axis=0)) / 2, 0.05, 20.0))
         self._largest_force = 1e-9  # the largest so far scales the arrows of a live view
         self.ground = shown.drawn_model.ground_height(view)
+        self._path, self._width = shown.info.provenance.path, 0.012 * self.size
+        # Tracks are slightly above the grid, otherwise both would flicker.
+        self._floor = (self.ground or 0.0) + 0.004 * self.size
+        # About sixty pieces of a path appear over a recording of any length: each is an object of the page.
+        self._piece = 30 if run is None else max(1, round(run.time[-1] * RATE / 60))
         self._follower: meshcat_scene.Follower | None = None
         times = (first.time,) if run is None else np.linspace(run.time[0], run.time[-1], 5).tolist()
         bodies = corners_over_time(shown.drawn_model.obstacles, times)
@@ -119,10 +124,6 @@ class RunScene:
             for layer, entry in entries.items()
         ]
 
-    @property
-    def _path(self) -> PlannedPath | None:
-        return self.shown.info.provenance.path
-
     # ------------------------------------------------------------------ camera
 
     def _look(self, first: DrawnState, points: np.ndarray) -> None:
@@ -158,16 +159,6 @@ class RunScene:
         moments = first.q[None] if run is None else run.q[:: max(1, len(run.q) // 50)]
         return ground_elements(self.reduced, self.kinematics, moments, self.size)
 
-    @property
-    def _width(self) -> float:
-        return 0.012 * self.size
-
-    @property
-    def _piece(self) -> int:
-        run = self.shown.trajectory
-        # About sixty pieces appear over a recording of any length: each is an object of the page.
-        return 30 if run is None else max(1, round(run.time[-1] * 25.0 / 60))
-
     def _plan(self, first: DrawnState) -> list[e.Element]:
         plan = self._path
         if plan is None or (self.ground is None and not plan.heights):
@@ -175,11 +166,6 @@ class RunScene:
         heights = np.array(plan.heights) if plan.heights else np.full(len(plan.poses), self._floor)
         points = np.column_stack([np.array(plan.poses)[:, :2], heights])
         return [e.FixedPath(e.LayerEntry("planned path", "plan", e.BLACK, "dashed"), plan.frame, points, self._width)]
-
-    @property
-    def _floor(self) -> float:
-        """Height of tracks [m]: slightly above the grid, otherwise both would flicker."""
-        return (self.ground or 0.0) + 0.004 * self.size
 
     def _desired(self, frame: str, columns: Mapping[int, tuple[str, int]]) -> Callable[[DrawnState], np.ndarray]:
         actual = self.kinematics.point(frame)
