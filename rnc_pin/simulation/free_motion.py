@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -31,19 +30,7 @@ from rnc_pin.simulation.simulation_options import (
 )
 from rnc_pin.simulation.trajectory import Trajectory
 
-_AT_ONCE = 256  # samples that are recorded together
-
 Feedback = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
-
-
-class _Samples(NamedTuple):
-    """Samples of a motion, (count, ...) each."""
-
-    times: np.ndarray
-    q: np.ndarray
-    v: np.ndarray
-    integrals: np.ndarray
-    work: np.ndarray
 
 
 def free_motion(
@@ -129,52 +116,25 @@ def free_motion(
     # A (cos, sin) pair or a quaternion that is rounded in a file would scale the body that it turns.
     start = model.at(pin.normalize(model.robot.model, q), v2_0, t=0.0)
     _ = start.flow(inputs_at(0.0, start))  # raise errors of shape or singularity before the integration
-    y = dynamics.initial(start.q, start.v)
-    times = np.linspace(0.0, duration, round(duration / dt) + 1)
-    record = Record(model, len(times), dynamics.integrated)
+    y0 = dynamics.initial(start.q, start.v)
+    times_of_samples = np.linspace(0.0, duration, round(duration / dt) + 1)
+    record = Record(model, len(times_of_samples), dynamics.integrated)
     integrator = AdaptiveIntegrator(model.robot, local_rate, rtol, atol, settle)
-
-    def add(progress: Progress, samples: _Samples) -> None:
-        """Record samples one by one, until one meets a stop condition."""
-        for t, q_t, v_t, integrals, work in zip(*samples, strict=True):
-            progress.time = float(t)
-            state = model.at(q_t, v=v_t, t=t)
-            stop_monitor.check(float(t), state)
-            T, external = inputs_at(float(t), state), dynamics.damping_force(state)
-            if lift_off is not None:
-                lift_off.check(float(t), state, T, external)
-            report = PlantReport(work=work, reduced=model, external=external)
-            record.add(float(t), state, integrals, Command(T=T), T, report)
-
-    def add_all(progress: Progress, pending: list[_Samples]) -> None:
-        """Record samples at once if no feedback is called and none meets a stop condition."""
-        if not pending:
-            return
-        samples = _Samples(*(np.concatenate(each) for each in zip(*pending, strict=True)))
-        pending.clear()
-        states = StateEvaluation.at(model.evaluator, samples.q, v=samples.v, t=samples.times)
-        # One by one: the first sample that meets a condition ends the run, and none after it counts.
-        if feedback is not None or lift_off is not None or stop_monitor.stopped(states).any():
-            add(progress, samples)
-            return
-        progress.time = float(samples.times[-1])
-        times, _, _, integrals, work = samples
-        record.extend(times, states, integrals, constant, work, dynamics.damping_force(states))
 
     def advance(progress: Progress) -> None:
         progress.active_component = "the feedback" if feedback else "the model"
-        pending: list[_Samples] = []
-        # A feedback sees its samples in the order of time, as in a loop, and may keep a memory of them.
-        at_once = 1 if feedback else _AT_ONCE
-        try:
-            for t, q_t, y_t in integrator.run(times, start.q, y):
-                v_t = dynamics.at(q_t, y_t).v
-                pending.append(_Samples(t, q_t, v_t, dynamics.integrals(y_t), y_t[:, -1]))
-                progress.time = float(t[-1])
-                if sum(len(each.times) for each in pending) >= at_once:
-                    add_all(progress, pending)
-        finally:
-            add_all(progress, pending)  # an earlier stop replaces an error of the integration
+        for times, q, y in integrator.run(times_of_samples, start.q, y0):
+            v, integrals = dynamics.at(q, y).v, dynamics.integrals(y)
+            # One by one: the first sample that meets a condition ends the run, and a feedback may have a memory.
+            for t, q_t, v_t, integrals_t, work in zip(times.tolist(), q, v, integrals, y[:, -1], strict=True):
+                progress.time = t
+                state = model.at(q_t, v=v_t, t=t)
+                stop_monitor.check(t, state)
+                T, external = inputs_at(t, state), dynamics.damping_force(state)
+                if lift_off is not None:
+                    lift_off.check(t, state, T, external)
+                report = PlantReport(work=work, reduced=model, external=external)
+                record.add(t, state, integrals_t, Command(T=T), T, report)
 
     return complete_run(
         advance, lambda outcome, message: derive(record, replace(info, outcome=outcome, message=message))

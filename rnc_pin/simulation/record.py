@@ -93,7 +93,7 @@ class Record:
         self.capacity += more
 
     def _moves(self, model: ReducedModel | None, external: Array | None) -> None:
-        """Set the plant model of the next samples, and external forces (nv,) or (N, nv) of the next ones."""
+        """Set the plant model of the next samples, and the external forces (nv,) of the next one."""
         if self.count == self.capacity:
             self._grow()
         if not self._models or self._models[-1][1] is not model:
@@ -103,7 +103,7 @@ class Record:
             if self.external is None:
                 # Zero before: a plant may begin to report forces in the middle of a run.
                 self.external = np.zeros((self.capacity, self.reduced.n))
-            self.external[self.count : self.count + len(np.atleast_2d(external))] = external
+            self.external[self.count] = external
 
     def add(
         self,
@@ -155,30 +155,6 @@ class Record:
                 self.arrays[name] = np.full((self.capacity, np.size(value)), np.nan)
             self.arrays[name][self.count] = _expect(name, value, self.arrays[name].shape[1:])
         self.count += 1
-
-    def extend(
-        self, times: Array, states: StateEvaluation, integrals: Array, T: Array, work: Array, external: Array | None
-    ) -> None:
-        """Add samples of a plant with the same model, without goals, all under the same inputs.
-
-        Args:
-            times: times (N,) [s].
-            states: their states.
-            integrals: integrals (N, r) of the reducing velocities.
-            T: inputs (p,).
-            work: work (N,) since the start [J].
-            external: generalized forces (N, nv) in addition to the inputs; None without any.
-        """
-        self._moves(self.reduced, external)
-        block = slice(self.count, self.count + len(times))
-        x1, x2 = states.outputs(integrals)
-        values = {
-            "time": times, "q": states.q, "v": states.v, "v2": states.v2, "T": T, "work": work, "x1": x1, "x2": x2,
-            "v1": states.v1, "integrals": integrals,
-        }  # fmt: skip
-        for name, value in values.items():
-            self.arrays[name][block] = value
-        self.count += len(times)
 
     @property
     def signals(self) -> dict[str, Array]:

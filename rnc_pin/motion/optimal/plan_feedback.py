@@ -5,6 +5,7 @@ After the end of a plan, the motion stops within the accelerations of the plan, 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from contextlib import suppress
 from functools import cached_property
 from typing import NamedTuple
@@ -25,7 +26,6 @@ from rnc_pin.motion.optimal.interior_point import RiccatiFactors
 from rnc_pin.motion.optimal.motion_plan import MotionPlan
 from rnc_pin.motion.planning.action_models import ActionModel, Form, Nodes, action_model
 from rnc_pin.printing import ReprMixin
-from rnc_pin.references.reference import ReferencePoint
 
 _HORIZON = 1000  # intervals of the regulator at rest
 FREQUENCY = 10.0  # of the closed loop [rad/s]: samples up to its inverse, 0.1 s, keep a double integrator stable
@@ -109,6 +109,148 @@ class FeedbackState(NamedTuple):
     """Measured state minus the planned one."""
 
 
+def mean_input(time: Float[Array, " K1"], u: Float[Array, "K nu"], t: float, dt: float, after: Array) -> Array:
+    """Return the mean of planned inputs over a sample, of which a part may be after the plan.
+
+    Args:
+        time: ends of the intervals [s].
+        u: their inputs.
+        t: begin of the sample [s].
+        dt: its duration [s].
+        after: input after the last interval (nu,).
+    """
+    # Commands are held: the input of the interval at the begin of a sample would be late by half of a sample.
+    ends = np.clip(time, t, t + dt) - t
+    return np.asarray(np.diff(ends) @ u / dt + (1.0 - ends[-1] / dt) * after)
+
+
+class BoundedCommands:
+    """Commands within bounds of inputs, and of outputs and reduced velocities as far as inputs can keep them.
+
+    Outputs and velocities approach a bound no faster than a critically damped motion ends there. If they are ahead of
+    the plan by less than half of the room that it leaves, they may also approach the plan.
+
+    Args:
+        model: action model of the inputs.
+        bounds: bounds (quantity, name, lower, upper); others than "input", "velocity" and "output" are left out.
+        plan: outputs and their rates at the nodes of a plan (..., k). It leaves no room where they are not known.
+        bandwidth: decay rate of the velocity error in the kinematic form [1/s].
+    """
+
+    def __init__(
+        self,
+        model: ActionModel,
+        bounds: Iterable[tuple[str, str, float, float]],
+        plan: tuple[Array, Array] | None = None,
+        bandwidth: float = 20.0,
+    ) -> None:
+        self._model, self._driven = model, action_model(model.reduced, "acceleration")
+        approach = 50.0  # rate of the motion that ends at a bound [1/s], if samples are shorter than 10 ms
+        self._bandwidth, self._approach = bandwidth, approach if model.nw else bandwidth / 4.0
+        self._sides = dict[str, tuple[Array, Array, Array]]()
+        reduced, kinematic, bounds = model.reduced, model.form == "kinematic", list(bounds)
+        names = (*reduced.reducing.names, *reduced.vertical.names)
+        velocities = model.input_names if kinematic else reduced.reducing.names
+        # Names decide which bounds hold: those of joints that are no outputs of the model have no row here.
+        for quantity, own in (("output", names), ("velocity", velocities), ("input", model.input_names)):
+            rows = [(own.index(name), *sides) for kind, name, *sides in bounds if kind == quantity and name in own]
+            k, *ends = np.array(rows, dtype=float).reshape(-1, 3).T
+            k, sides, room = k.astype(int), np.stack(ends, axis=1), np.zeros(len(k))
+            if quantity != "input" and plan is not None:
+                values = plan[quantity == "velocity"].reshape(-1, len(names))[:, k]
+                gaps = np.stack([values.min(axis=0) - ends[0], ends[1] - values.max(axis=0)], axis=1)
+                # Feedback may follow a plan that comes nearer to a limit than the usual approach would let it.
+                room = gaps.min(axis=1) / 2.0
+                if quantity == "output" or not kinematic:
+                    width = np.broadcast_to(np.diff(sides), sides.shape) if quantity == "output" else np.abs(sides)
+                    reserve = np.where(np.isfinite(width), _RESERVE * width, 0.0)
+                    sides = sides + np.clip(gaps / 2.0, 0.0, reserve) * [1.0, -1.0]
+            self._sides[quantity] = k, sides, room
+
+    def nearest(
+        self, u: Array, planned: Array, q: Array, v2: Array, dt: float, plan: tuple[Array, Array] | None = None
+    ) -> Array:
+        """Return the input within all bounds that is near to an input (nu,).
+
+        Args:
+            u: the input.
+            planned: input of the plan (nu,).
+            q: configuration (nq,).
+            v2: reduced velocity (r,).
+            dt: duration of the sample [s]; 0 if it is not known.
+            plan: outputs of the plan and their rates (k,); None after its end, and away from plans.
+        """
+        model, u = self._model, u.copy()
+        # A held command decays by half of the way to the bound within a sample: faster ones pass it.
+        rate = min(self._approach, 0.5 / dt) if dt > 0 else self._approach
+        outputs, speeds, inputs = self._sides.values()
+        if len(outputs[0]) or len(speeds[0]):
+            at, zero = model.reduced.at(q, v2), np.zeros(model.r)
+            rows = np.concatenate([np.eye(model.r), at.A_star])
+            x, rates = self.outputs(q, v2)
+            if model.form == "kinematic":
+                free = rates - rows @ v2
+                values = [(outputs, rate, x, plan and plan[0])]
+            else:
+                free = np.concatenate([zero, at.J1 @ at.v_dot(zero) + at.J1_dot @ at.v])
+                ends = plan and plan[0] + 2.0 / rate * plan[1]
+                values = [(outputs, rate**2, x + 2.0 / rate * rates, ends)]
+                values += [(speeds, rate, rates, plan and plan[1])]
+            metric = np.eye(model.nu)
+            if model.form == "dynamic":
+                moved, passive = at.input_accelerations
+                # Least change of accelerations, not of inputs: torques of an arm's base shake its light wrist.
+                metric = np.linalg.pinv(moved.T @ moved)
+                rows, free = rows @ moved, free + rows @ passive
+            wanted = []
+            for (k, sides, room), gain, value, aim in values:
+                change = gain * (sides.T - value[k])
+                if aim is not None:
+                    ahead = value[k] - aim[k]
+                    own = rows[k] @ planned + free[k] - gain * ahead
+                    wider = np.minimum(change[0], own), np.maximum(change[1], own)
+                    change = np.where(np.stack([-ahead, ahead]) <= room, wider, change)
+                wanted.append((rows[k], *(change - free[k])))
+            A, low, high = (np.concatenate(each) for each in zip(*wanted, strict=True))
+            # Usually nothing is beyond. Else each row in turn gets the least change, and rows that share inputs settle
+            # in a few sweeps: cheaper than a quadratic program, and never infeasible.
+            if (np.clip(A @ u, low, high) != A @ u).any():
+                sweeps = 3  # over the bounds of outputs that share inputs
+                for row, along, least, most in list(zip(A, A @ metric, low, high, strict=True)) * sweeps:
+                    now = row @ u
+                    u = u + along * ((np.clip(now, least, most) - now) / max(row @ along, _ROUNDING))
+        for k, sides, _ in [inputs, speeds] if model.form == "kinematic" else [inputs]:
+            u[k] = np.clip(u[k], *sides.T)
+        return u
+
+    def outputs(self, q: Array, v2: Array) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
+        """Return all outputs of the model, reducing ones first, and their rates.
+
+        Args:
+            q: configuration (nq,).
+            v2: reduced velocity (r,).
+        """
+        at = self._model.reduced.at(q, v2)
+        return np.concatenate(at.outputs()[::-1]), np.concatenate([v2, at.v1])
+
+    def force(self, u: Array, q: Array, v2: Array, dt: float, t: float) -> Float[Array, " r"]:
+        """Return the reduced force of an input of the forms "acceleration" and "kinematic", held over a sample.
+
+        Args:
+            u: the input (nu,).
+            q: configuration (nq,).
+            v2: reduced velocity (r,).
+            dt: duration of the sample [s]; 0 if it is not known.
+            t: its begin [s].
+        """
+        rate = u if self._model.form == "acceleration" else self._bandwidth * (u - v2)
+        middle = Nodes(q[None], v2[None])
+        # Forces of the state at the begin of a sample lag by half of it behind gravity and centrifugal forces.
+        if dt > 0:
+            middle = self._driven.step(middle, rate[None], np.array([dt / 2]))
+        return self._model.reduced.evaluator.inverse_dynamics(middle.q[0], middle.w[0], rate, t + dt / 2)
+
+
 class PlanFeedback(ReprMixin):
     """``u + K dx`` along a plan, with dx the measured state minus the planned one along the tangent space.
 
@@ -167,29 +309,10 @@ class PlanFeedback(ReprMixin):
         self._reduced, self._model = reduced, fitting_model(reduced, plan)
         self.K = gains_for(plan, plan.K if K is None else K)
         self._after = PlanEnd(self._model, plan)
-        self._driven = action_model(reduced, "acceleration")
         names = (*reduced.reducing.names, *reduced.vertical.names)
-        inputs, kinematic = plan.info.input_names, self._model.form == "kinematic"
-        known = {"output": names, "velocity": inputs if kinematic else reduced.reducing.names, "input": inputs}
         self._outputs = plan.reference() if plan.info.output_names == names else None
-        self._sides = dict[str, tuple[Array, Array, Array]]()
-        # Names decide which bounds hold: those of joints that are no outputs of the model have no row here.
-        for quantity, own in known.items():
-            bounds = [
-                (own.index(name), *sides) for kind, name, *sides in plan.info.bounds if kind == quantity and name in own
-            ]
-            k, *ends = np.array(bounds, dtype=float).reshape(-1, 3).T
-            k, sides, room = k.astype(int), np.stack(ends, axis=1), np.zeros(len(k))
-            if quantity != "input" and self._outputs is not None:
-                values = (plan.position if quantity == "output" else plan.velocity).reshape(-1, len(names))[:, k]
-                gaps = np.stack([values.min(axis=0) - ends[0], ends[1] - values.max(axis=0)], axis=1)
-                # Feedback may follow a plan that comes nearer to a limit than the usual approach would let it.
-                room = gaps.min(axis=1) / 2.0
-                if quantity == "output" or not kinematic:
-                    width = np.broadcast_to(np.diff(sides), sides.shape) if quantity == "output" else np.abs(sides)
-                    reserve = np.where(np.isfinite(width), _RESERVE * width, 0.0)
-                    sides = sides + np.clip(gaps / 2.0, 0.0, reserve) * [1.0, -1.0]
-            self._sides[quantity] = k, sides, room
+        values = None if self._outputs is None else (plan.position, plan.velocity)
+        self._commands = BoundedCommands(self._model, plan.info.bounds, values, bandwidth)
         self.weights = FREQUENCY if K is None and weights is None else weights
 
     def describe(self) -> Description:
@@ -208,9 +331,7 @@ class PlanFeedback(ReprMixin):
         dt = 0.0 if state is None else t - state.time
         planned, feedforward, K = self.planned(t)
         if dt > 0 and t < self.plan.duration:
-            # The plant holds one input for the sample, in which the plan may have several.
-            ends = np.clip(self.plan.time, t, t + dt) - t
-            feedforward = np.diff(ends) @ self.plan.u / dt + (1.0 - ends[-1] / dt) * self._after.at(0.0)[1]
+            feedforward = mean_input(self.plan.time, self.plan.u, t, dt, self._after.at(0.0)[1])
         dx = pin.difference(self._reduced.robot.model, planned.q[0], q)
         dx = np.concatenate([dx, v2 - planned.w[0]]) if model.nw else dx
         over = t - self.plan.duration > 0 and self._after.duration > 0  # the plan has no outputs after its end
@@ -223,66 +344,12 @@ class PlanFeedback(ReprMixin):
             force = at.R.T @ (self._reduced.robot.model.damping * at.v)
             if model.form == "dynamic":
                 feedforward = feedforward + at.allocate(force)
-        u = self._bounded(feedforward + K @ dx, feedforward, q, v2, dt, known)
+        u = self._commands.nearest(feedforward + K @ dx, feedforward, q, v2, dt, known and known[:2])
         state = FeedbackState(t, u, dx)
         x2, x1 = (None, None) if known is None else np.split(known.position, [model.r])
         if model.form == "dynamic":
             return Command(None, u, v2_desired, x1, x2), state
-        rate = u if model.form == "acceleration" else self.bandwidth * (u - v2)
-        # The force of the begin of a sample would lag by half of it, behind gravity and Coriolis forces that change.
-        middle = Nodes(q[None], v2[None])
-        if dt > 0:
-            middle = self._driven.step(middle, rate[None], np.array([dt / 2]))
-        F = self._reduced.evaluator.inverse_dynamics(middle.q[0], middle.w[0], rate, t + dt / 2)
-        return Command(F + force, None, v2_desired, x1, x2), state
-
-    def _bounded(self, u: Array, planned: Array, q: Array, v2: Array, dt: float, plan: ReferencePoint | None) -> Array:
-        """Input within its bounds, by which outputs and velocities stay within theirs as far as inputs allow.
-
-        They approach a bound no faster than a critically damped motion ends there. If they are ahead of the plan by
-        less than half of the room that it leaves, they may also approach the plan.
-        """
-        approach = 50.0  # rate of the motion that ends at a bound [1/s], if samples are shorter than 10 ms
-        model, rate = self._model, approach if self._model.nw else self.bandwidth / 4.0
-        rate = min(rate, 0.5 / dt) if dt > 0 else rate  # a faster approach would pass the bound within one sample
-        outputs, speeds, inputs = self._sides.values()
-        if len(outputs[0]) or len(speeds[0]):
-            at, zero = self._reduced.at(q, v2), np.zeros(model.r)
-            x1, x2 = at.outputs()
-            rows = np.concatenate([np.eye(model.r), at.A_star])
-            x, rates = np.concatenate([x2, x1]), np.concatenate([v2, at.v1])
-            if model.form == "kinematic":
-                free = rates - rows @ v2
-                values = [(outputs, rate, x, plan and plan.position)]
-            else:
-                free = np.concatenate([zero, at.J1 @ at.v_dot(zero) + at.J1_dot @ at.v])
-                ends = plan and plan.position + 2.0 / rate * plan.velocity
-                values = [(outputs, rate**2, x + 2.0 / rate * rates, ends)]
-                values += [(speeds, rate, rates, plan and plan.velocity)]
-            if model.form == "dynamic":
-                rows, passive = (rows @ each for each in at.input_accelerations)
-                free += passive
-            wanted = []
-            for (k, sides, room), gain, value, aim in values:
-                change = gain * (sides.T - value[k])
-                if aim is not None:
-                    ahead = value[k] - aim[k]
-                    own = rows[k] @ planned + free[k] - gain * ahead
-                    wider = np.minimum(change[0], own), np.maximum(change[1], own)
-                    change = np.where(np.stack([-ahead, ahead]) <= room, wider, change)
-                wanted.append((rows[k], *(change - free[k])))
-            A, low, high = (np.concatenate(each) for each in zip(*wanted, strict=True))
-            # Usually nothing is beyond. Else each row in turn gets the least change of the inputs, and rows that share
-            # inputs settle in a few sweeps: cheaper than a quadratic program, and never infeasible.
-            if (np.clip(A @ u, low, high) != A @ u).any():
-                sweeps = 3  # over the bounds of outputs that share inputs
-                for row, least, most in list(zip(A, low, high, strict=True)) * sweeps:
-                    now = row @ u
-                    u = u + row * ((np.clip(now, least, most) - now) / max(row @ row, _ROUNDING))
-        # Inputs last: actuators cannot exceed theirs, whatever the rows ask for.
-        for k, sides, _ in [inputs, speeds] if model.form == "kinematic" else [inputs]:
-            u[k] = np.clip(u[k], *sides.T)
-        return u
+        return Command(self._commands.force(u, q, v2, dt, t) + force, None, v2_desired, x1, x2), state
 
     @cached_property
     def _at_rest(self) -> Array:

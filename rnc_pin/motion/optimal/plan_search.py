@@ -325,7 +325,7 @@ class PlanSearch:
         info = PlanInfo(
             model.form, *names, found.cost, found.violation.amount, found.violation.name, found.iterations, found.guess,
             found.outcome, PlanVerification(alone, None, settings.substeps, self._loop.dt), settings.accuracy,
-            self._tried, self._solved, _limits_of(problem),
+            self._tried, self._solved, limits_of(problem),
         )  # fmt: skip
         (q, w, u), K = map(np.array, (at.q, at.w, at.u)), problem.feedback_gains(at, found.linear)
         plan = MotionPlan(time, q, w, u, K, *output_nodes(model, at), info)
@@ -374,7 +374,12 @@ def _violation(made: _Made) -> tuple[bool, float]:
     return not made.confirmed, max(found.violation, found.inputs.violation) if made.confirmed else found.violation
 
 
-def _limits_of(problem: Transcription) -> tuple[tuple[str, str, float, float], ...]:
+def limits_of(problem: Transcription) -> tuple[tuple[str, str, float, float], ...]:
+    """Return the bounds of inputs, velocities and outputs of a problem: quantity, name, smallest and largest value.
+
+    Args:
+        problem: the problem.
+    """
     return tuple(
         (bound.quantity, name, float(low), float(high))
         for bound in problem.bounds

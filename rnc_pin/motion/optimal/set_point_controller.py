@@ -20,11 +20,11 @@ from rnc_pin.motion.optimal.costs import CostKind
 from rnc_pin.motion.optimal.guesses import inputs_for
 from rnc_pin.motion.optimal.motion_plan import MotionPlan
 from rnc_pin.motion.optimal.node_data import NodeData
-from rnc_pin.motion.optimal.plan_feedback import FREQUENCY, regulator_gains, tvlqr
+from rnc_pin.motion.optimal.plan_feedback import FREQUENCY, BoundedCommands, mean_input, regulator_gains, tvlqr
+from rnc_pin.motion.optimal.plan_search import limits_of
 from rnc_pin.motion.optimal.planner import build_problem, initial_node, plan_motion
 from rnc_pin.motion.optimal.sequential_quadratic import SolverSettings
 from rnc_pin.motion.optimal.set_point import AT_REST, SetPoint, nearer_plan
-from rnc_pin.motion.optimal.verification import input_limits
 from rnc_pin.motion.planning.action_models import Form, KinematicModel, Nodes, action_model
 
 _OF_FILE = FileLimits()
@@ -33,6 +33,7 @@ _SETTLED = 4.0  # time constants of this feedback before the error counts
 _SAMPLES = 40  # whose mean is the error at rest: noise that is above the tolerance now and then starts no plan
 _STATE_COST = 10.0  # of feedback by velocities: they know no inertia, and the costs lead aside motions
 _MOST_NODES = 1000  # of SolverSettings
+_RESERVE = 0.1  # of velocities and ranges that plans leave to the feedback: wrong masses lead beyond the plan
 _FARTHEST = 0.5  # place at which a robot is held, from the robot [m or rad]: 50 m/s^2 or rad/s^2 by forces
 _SAMPLED = 0.15  # natural frequency at rest times the period, at most: measurements may be late and noisy
 _RETRY, _LONGEST = 1.0, 6  # time until the next search after the first one in vain [s], and how often it doubles
@@ -95,7 +96,8 @@ class SetPointController(DescribedMixin):
         duration: duration of a plan [s], or its shortest and longest value.
         form: "kinematic", "acceleration" or "dynamic", as in ``plan``.
         costs: costs of the plans; ``[EffortCost()]`` by default.
-        bounds: hard bounds of the plans. Bounds of inputs hold for the feedback too.
+        bounds: hard bounds of the plans. The feedback keeps those of inputs, and those of outputs and velocities as
+            far as inputs can; plans leave it a tenth of them.
         limits: limits of the robot's file that plans keep; None for none.
         nodes: number of intervals.
         seeds: number of random guesses of each search.
@@ -164,7 +166,7 @@ class SetPointController(DescribedMixin):
         self._direct = np.array(self.weights) == 1  # coordinates that single inputs move
         stated = [each for each in problem.bounds if not each.of_file]
         self._watched = [each for each in stated if each.quantity in ("output", DISTANCE)]
-        self._lower, self._upper = input_limits(problem)
+        self._commands = BoundedCommands(model, limits_of(problem), bandwidth=self.bandwidth)
 
     def _settings(self) -> Mapping[str, object]:
         return {name: getattr(self, name) for name in self.described}
@@ -205,7 +207,7 @@ class SetPointController(DescribedMixin):
             state = state._replace(hold=hold, rate=state.rate * np.exp(-self.braking * dt))
         state = self._next(t, now, v2, state)._replace(time=t)
         if state.mode == "follow":
-            u = self._followed(t, now, state)
+            u = self._followed(t, dt, now, state)
             desired, k = self._planned(t, state)
             v2_desired = desired.w[0] if self._model.nw else state.u[k]
         else:
@@ -216,8 +218,7 @@ class SetPointController(DescribedMixin):
         command = Command(v2_desired=v2_desired)
         if self.form == "dynamic":
             return command._replace(T=u), state
-        rate = u if self.form == "acceleration" else self.bandwidth * (u - v2)
-        return command._replace(F=self.reduced.inverse_dynamics(q, v2, rate)), state
+        return command._replace(F=self._commands.force(u, q, v2, dt, t)), state
 
     # ------------------------------------------------------------------ modes
 
@@ -286,7 +287,7 @@ class SetPointController(DescribedMixin):
         of long intervals are too nonlinear for the iterations.
         """
         nodes = self.nodes if seed == 0 else min(2 * self.nodes, _MOST_NODES)
-        settings = SolverSettings(nodes=nodes, accuracy=self.tolerance)
+        settings = SolverSettings(nodes=nodes, accuracy=self.tolerance, reserve=_RESERVE)
         given = {name: getattr(self, name) for name in ("form", "costs", "bounds", "limits", "seeds")}
         search = partial(plan_motion, settings=settings, seed=seed, **given)
         return nearer_plan(self.set_point, q, self.duration, search)
@@ -297,19 +298,24 @@ class SetPointController(DescribedMixin):
         """State of the plan at a time, and its interval."""
         return self._model.during(Nodes(state.q, state.w), state.u, state.h, t - state.begin)
 
-    def _followed(self, t: float, now: Nodes, state: SetPointState) -> Array:
-        """Input with feedback along the plan, within its bounds."""
+    def _followed(self, t: float, dt: float, now: Nodes, state: SetPointState) -> Array:
+        """Input with feedback along the plan, within its bounds, for a sample of the duration dt."""
         planned, k = self._planned(t, state)
         w = np.empty((1, 0)) if self.velocities else planned.w
-        dx = self._driven.difference(Nodes(planned.q, w), now)[0]
-        u, bias = (planned.w[0] if self.velocities else state.u[k]) + state.gains[k] @ dx, state.bias
+        u = state.gains[k] @ self._driven.difference(Nodes(planned.q, w), now)[0]
+        if self.velocities:
+            return u + planned.w[0] + state.bias
+        ahead, bias = state.u[k], state.bias
+        if dt > 0:
+            time = state.begin + state.h * np.arange(len(state.q))
+            ahead = mean_input(time, state.u, t, dt, state.u[-1])
         if self.form == "dynamic" and bias.any():
             at = self.reduced.at(now.q[0])
             bias = at.allocate(at.H @ bias)
-        return u + bias if self.velocities else self._bounded(u + bias)
-
-    def _bounded(self, u: Array) -> Array:
-        return np.clip(u, self._lower, self._upper)
+        ahead, q = ahead + bias, now.q[0]
+        # Nodes of the kinematic form have no velocities, and its bounds do not depend on them.
+        v2, plan_v2 = (now.w[0], planned.w[0]) if self._model.nw else (state.u[k], state.u[k])
+        return self._commands.nearest(u + ahead, ahead, q, v2, dt, self._commands.outputs(planned.q[0], plan_v2))
 
     def _end_error(self, t: float, now: Nodes, state: SetPointState) -> float:
         """Largest error at the end of the plan, to which its feedback leads the model from a state [m or rad]."""
@@ -317,7 +323,7 @@ class SetPointController(DescribedMixin):
         try:
             while t < state.begin + K * state.h - 1e-9:
                 until = state.begin + (self._planned(t, state)[1] + 1) * state.h
-                u = self._followed((t + until) / 2 if self.velocities else t, now, state)
+                u = self._followed((t + until) / 2 if self.velocities else t, until - t, now, state)
                 now, t = self._driven.step(now, u[None], np.array([until - t])), until
                 if self._excess(t, now) > self.tube:
                     return np.inf
@@ -336,16 +342,18 @@ class SetPointController(DescribedMixin):
         q, k = now.q[0], self._stiffness(dt)
         away, rate, change = self._away(state.hold, q), state.rate, -self.braking * state.rate
         if state.mode == "stand":
+            # Not filtered, though noise then moves a robot at rest: a lag here and late measurements oscillate.
             rate, change = self._correction(q), np.zeros_like(v2)
             rate[(np.abs(away) > _FARTHEST) & (rate * away < 0)] = 0.0
             state = state._replace(rate=rate)
-        if self.velocities or self.form == "kinematic":
-            u = rate - k * away
-            return state, u if self.velocities else self._bounded(u)
-        change += 2.0 * k**0.5 * (rate - v2) - k * away
+        if self.velocities:
+            return state, rate - k * away
+        u = rate - k * away
+        if self.form != "kinematic":
+            u = change + 2.0 * k**0.5 * (rate - v2) - k * away  # critically damped
         if self.form == "dynamic":
-            return state, self._bounded(inputs_for(self._model, now, change[None])[0])
-        return state, self._bounded(change)
+            u = inputs_for(self._model, now, u[None])[0]
+        return state, self._commands.nearest(u, u, q, v2, dt)
 
     def _stiffness(self, dt: float) -> float:
         """Acceleration at rest for a displacement of one unit [1/s^2]; velocity where these are the inputs [1/s]."""

@@ -178,18 +178,6 @@ def _stepped(now: Nodes, h: float, count: int, advance: Callable[[int, Nodes], t
     return Iterate(np.array(q), np.array(w), np.array(inputs[1:]), count * h)
 
 
-def input_limits(problem: Transcription) -> tuple[Array, Array]:
-    """Smallest and largest inputs (nu,) of all bounds."""
-    names = problem.model.input_names
-    lower, upper = np.full(len(names), -np.inf), np.full(len(names), np.inf)
-    for bound in problem.bounds:
-        if bound.quantity == "input":
-            places = [names.index(name) for name in bound.names]
-            lower[places] = np.maximum(lower[places], bound.lower)
-            upper[places] = np.minimum(upper[places], bound.upper)
-    return lower, upper
-
-
 def _excesses(problem: Transcription, fine: Iterate, substeps: int, accuracy: float) -> Iterator[Excess]:
     """Largest excess of each row that a fine motion exceeds."""
     # A problem over the fine steps, without margins and reserves: what counts is what was asked for.
