@@ -121,8 +121,8 @@ typedef struct {
     double least;   /* length below which the wrench is not defined */
     double (*wrench)(const double *d, const double *p, double *W);
     void (*rates)(const double *d, const double *e, const double *p, double *W, double *Wd);
-    void (*slopes)(const double *d, const double *e, const double *p, const double *V, const double *A, double *W,
-                   double *Wd, double *k, double *g);
+    void (*slopes)(const double *d, const double *e, const double *p, const double *V, const double *A, double *k,
+                   double *g);
 } Kind;
 """
 
@@ -136,11 +136,11 @@ def _functions(name: str, kind: Kind) -> list[str]:
     velocity = total(a * b for a, b in zip(W, V, strict=True))
     acceleration = total(a * b for a, b in zip([*W, *W_dot], [*A, *V], strict=True))
     wrench = _assigned(W=W) | {"return": symbol(kind.length(d, p))}
-    slopes = _assigned(W=W, Wd=W_dot, k=gradient(velocity, flat), g=gradient(acceleration, flat))
+    slopes = _assigned(k=gradient(velocity, flat), g=gradient(acceleration, flat))
     return [
         _function("double", f"{name}_wrench", ("d", "p"), ("W",), wrench),
         _function("void", f"{name}_rates", ("d", "e", "p"), ("W", "Wd"), _assigned(W=W, Wd=W_dot)),
-        _function("void", f"{name}_slopes", ("d", "e", "p", "V", "A"), ("W", "Wd", "k", "g"), slopes),
+        _function("void", f"{name}_slopes", ("d", "e", "p", "V", "A"), ("k", "g"), slopes),
     ]
 
 

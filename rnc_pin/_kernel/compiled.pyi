@@ -37,6 +37,7 @@ def cascade(
     unknowns: _Array,
     /,
 ) -> bool: ...
+def program(*arrays: _Array | float) -> bool: ...
 def solve(matrix: _Array, right: _Array, positive: float, found: _Array, /) -> bool: ...
 
 # ------------------------------------------------------------------ frames and distances
@@ -61,6 +62,20 @@ def pair_bounds(
     last_middles: _Array,
     radii: _Array,
     shapes: _Array,
+    bounds: _Array,
+    /,
+) -> bool: ...
+def stopping(
+    inverse: _Array,
+    effects: _Array,
+    adverse: _Array,
+    efforts: _Array,
+    q: _Array,
+    v: _Array,
+    places: _Array,
+    inside: _Array,
+    decelerations: _Array,
+    dt: float,
     bounds: _Array,
     /,
 ) -> bool: ...
@@ -103,7 +118,6 @@ class Evaluator:
 
     # Steps of a plant.
     def state_derivative(self, q: _Array, u: _Optional, *arrays: _Optional) -> bool: ...
-    def planned_motion(self, form: int, K: int, steps: int, h: float, /, *arrays: object) -> bool: ...
     def planned_steps(self, form: int, /, *arrays: _Array) -> bool: ...
     def planned_derivatives(self, form: int, /, *arrays: _Array) -> bool: ...
 

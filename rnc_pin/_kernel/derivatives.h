@@ -188,8 +188,7 @@ static void wrench_row(const Evaluator *ev, const Derivatives *d, const Row *row
     }
 }
 
-/* Momentum is X h, with the rows h = M v of the joint; its rate is X tau. Both depend on q through the placement too.
- */
+/* Momentum is X h, with the rows h = M v of the joint; its rate is X tau. Both depend on q by the placement too. */
 static void momentum_row(const Evaluator *ev, const Derivatives *d, const Row *row, const double *P, const double *v,
                          double *Ev_q, double *Ew_q, double *Ew_v)
 {
@@ -275,8 +274,7 @@ static void add_forces(Evaluator *ev, Derivatives *d, const double *T, long alon
     for (Py_ssize_t i = last; i < ev->count; i++) add_force(ev, d, ev->rows + i, -d->passive[i - last], along_column);
 }
 
-/* N: derivative of A^T lambda - B T, less the forces of the laws, by q, at frozen lambda, T and laws. Overwrites the
- * velocities of the frames. */
+/* N: derivative of A^T lambda - B T, less forces of laws, by q, at frozen lambda, T and laws. Moves the frames. */
 static void vary_forces(Evaluator *ev, Derivatives *d, const double *q, const double *J, const double *T)
 {
     Py_ssize_t n = ev->n;

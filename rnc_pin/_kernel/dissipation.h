@@ -153,31 +153,6 @@ static void phi_functions(const double *decay, double t, int last, double *value
     }
 }
 
-/* Eigenvalues of a symmetric matrix A (r, r), which is lost, onto its diagonal; eigenvectors are the rows of V.
-   Jacobi's method. */
-static void eigenvectors(double *A, double *V, Py_ssize_t r)
-{
-    memset(V, 0, (size_t)(r * r) * sizeof(double));
-    for (Py_ssize_t i = 0; i < r; i++) V[i * r + i] = 1.0;
-    for (int sweep = 0; sweep < 30; sweep++) {
-        double off = 0.0;
-        for (Py_ssize_t i = 0; i < r; i++)
-            for (Py_ssize_t j = 0; j < i; j++) {
-                double b = A[i * r + j], size = sqrt(fabs(A[i * r + i] * A[j * r + j]));
-                if (!(fabs(b) > 1e-17 * size) || b == 0.0) continue;
-                off = fmax(off, fabs(b) / (size + fabs(b)));
-                double theta = (A[j * r + j] - A[i * r + i]) / (2 * b);
-                double t = copysign(1.0, theta) / (fabs(theta) + sqrt(theta * theta + 1)), c = 1 / sqrt(t * t + 1);
-                rotate(A + i * r, A + j * r, c, t * c, r), rotate(V + i * r, V + j * r, c, t * c, r);
-                for (Py_ssize_t l = 0; l < r; l++) {
-                    double x = A[l * r + i], y = A[l * r + j];
-                    A[l * r + i] = c * x - t * c * y, A[l * r + j] = t * c * x + c * y;
-                }
-            }
-        if (off < 1e-15) return;
-    }
-}
-
 /* Modes at the state of the last derivative, whose rates are in x; their decays, and what they drive. */
 static int linear_part(Evaluator *ev, Dissipation *d)
 {
@@ -189,24 +164,16 @@ static int linear_part(Evaluator *ev, Dissipation *d)
     memset(d->decay, 0, (size_t)r * sizeof(double));
     memset(V, 0, (size_t)(r * r) * sizeof(double));
     for (Py_ssize_t i = 0; i < r; i++) V[i * r + i] = 1.0;
-    if (d->damping) { /* of L^-1 R^T damping R L^-T */
-        memset(A, 0, (size_t)(r * r) * sizeof(double));
-        for (Py_ssize_t l = 0; l < n; l++)
-            for (Py_ssize_t i = 0; i < r && d->damping[l] != 0.0; i++)
-                add(A + i * r, d->damping[l] * R[l * n + i], R + l * n, r);
-        for (int side = 0; side < 2; side++) { /* A <- (L^-1 A)^T */
-            for (Py_ssize_t i = 0; i < r; i++) {
-                for (Py_ssize_t j = 0; j < i; j++) add(A + i * r, -L[i * r + j], A + j * r, r);
-                for (Py_ssize_t l = 0; l < r; l++) A[i * r + l] /= L[i * r + i];
-            }
-            for (Py_ssize_t i = 0; i < r; i++)
-                for (Py_ssize_t j = 0; j < i; j++) {
-                    double kept = A[i * r + j];
-                    A[i * r + j] = A[j * r + i], A[j * r + i] = kept;
-                }
+    for (Py_ssize_t l = 0; l < n && d->damping; l++)
+        if (d->damping[l] < 0.0) return 0;
+    if (d->damping) { /* eigenvectors of A A^T with A = L^-1 R^T damping^(1/2) (r, n) */
+        for (Py_ssize_t i = 0; i < r; i++) {
+            for (Py_ssize_t l = 0; l < n; l++) A[i * n + l] = sqrt(d->damping[l]) * R[l * n + i];
+            for (Py_ssize_t j = 0; j < i; j++) add(A + i * n, -L[i * r + j], A + j * n, n);
+            for (Py_ssize_t l = 0; l < n; l++) A[i * n + l] /= L[i * r + i];
         }
-        eigenvectors(A, V, r);
-        for (Py_ssize_t i = 0; i < r; i++) d->decay[i] = fmax(A[i * r + i], 0.0);
+        orthogonalize(A, n, V, r, r);
+        for (Py_ssize_t i = 0; i < r; i++) d->decay[i] = dot(A + i * n, A + i * n, n);
     }
     for (Py_ssize_t i = 0; i < r; i++) { /* inverse = V L^T, and modes = L^-T V^T */
         for (Py_ssize_t j = 0; j < r; j++) {
@@ -367,8 +334,7 @@ static int friction_in_step(Evaluator *ev, Dissipation *d, double h)
 
 /* ------------------------------------------------------------------ a step without events */
 
-/* Rates at x = (u, a, others) less the linear ones, which go into flows; sticking: mask of the rows that stay at rest
- */
+/* Rates at x = (u, a, others) less the linear ones, which go into flows; sticking: mask of rows that stay at rest */
 static int bent_rates(Evaluator *ev, Dissipation *d, const double *q, const double *x, const double *sticking,
                       double *out)
 {

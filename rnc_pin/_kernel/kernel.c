@@ -169,6 +169,26 @@ static void rotate(double *restrict x, double *restrict y, double cosine, double
     }
 }
 
+/* Rotations that make the rows of A (m, k) orthogonal (Hestenes), also applied to V (m, n); rows that are rounding keep
+   their place. */
+static void orthogonalize(double *A, Py_ssize_t k, double *V, Py_ssize_t n, Py_ssize_t m)
+{
+    double least = 1e-32 * dot(A, A, m * k);
+    int turned = 1;
+    for (int sweep = 0; sweep < 30 && turned; sweep++) {
+        turned = 0;
+        for (Py_ssize_t i = 1; i < m; i++)
+            for (Py_ssize_t j = 0; j < i; j++) {
+                double *x = A + i * k, *y = A + j * k, a = dot(x, x, k), b = dot(y, y, k), c = dot(x, y, k);
+                if (!(a > least && b > least && fabs(c) > 1e-15 * sqrt(a * b))) continue;
+                double theta = (b - a) / (2 * c), t = copysign(1 / (fabs(theta) + sqrt(theta * theta + 1)), theta);
+                double cosine = 1 / sqrt(t * t + 1);
+                rotate(x, y, cosine, t * cosine, k), rotate(V + i * n, V + j * n, cosine, t * cosine, n);
+                turned = 1;
+            }
+    }
+}
+
 /* out (a) = left (a, b) x (b) */
 static void multiply_vector(const double *left, const double *x, double *out, Py_ssize_t a, Py_ssize_t b)
 {
@@ -1204,21 +1224,24 @@ static int derivative(Evaluator *ev, const double *q, const double *v2, const do
 }
 
 /* q, v2, T, kinematics at q or None, mu and its rates or None, record of the state derivative, v2 before a time (1),
-   this time, rows (k, r), lower and upper bounds (k). True if v2 is farther from the bounds than the change since then
-   and its error to second order. */
+   this time, rows (k, n), lower and upper bounds (k). True if v is farther from the bounds than the change since then
+   and its error to second order, in the motions of q. */
 static PyObject *far_within(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = 1}, bounds = {.count = -1};
-    double *x[8], *row, *lower, *upper;
+    double *x[8], *row, *lower, *upper, *v = ev->scratch, *ahead = v + ev->n;
     int ok = expect(ev, given, 11) && take_all(ev, &all, args, "qrTP?u?d!rt", x)
-                     && take(&bounds, args[8], ev->r, READ, &row) && take(&bounds, args[9], 1, READ, &lower)
+                     && take(&bounds, args[8], ev->n, READ, &row) && take(&bounds, args[9], 1, READ, &lower)
                      && take(&bounds, args[10], 1, READ, &upper)
                  ? ev->fused && !ev->external_vertical && use_rates(ev, x[4])
                  : -1;
     if (ok > 0) ok = derivative(ev, x[0], x[1], x[2], NULL, NULL, x[3], x[5]);
-    for (Py_ssize_t i = 0; i < bounds.count && ok > 0; i++, row += ev->r) {
-        double before = dot(row, x[6], ev->r), reached = dot(row, x[1], ev->r), change = reached - before;
-        double away = fabs(change) + fabs(*x[7] * dot(row, x[5] + ev->n, ev->r) - change);
+    const double *F = ev->scratch + ev->work + kinematics_size(ev), *R = F + ev->n * ev->n + ev->m;
+    if (ok > 0) velocity(ev, F, ev->mu, x[6], v);
+    for (Py_ssize_t i = 0; i < ev->n && ok > 0; i++) ahead[i] = dot(R + i * ev->n, x[5] + ev->n, ev->r);
+    for (Py_ssize_t i = 0; i < bounds.count && ok > 0; i++, row += ev->n) {
+        double before = dot(row, v, ev->n), reached = dot(row, x[5], ev->n), change = reached - before;
+        double away = fabs(change) + fabs(*x[7] * dot(row, ahead, ev->n) - change);
         ok = reached + away <= upper[i] && reached - away >= lower[i];
     }
     close_arrays(&bounds);
@@ -1228,20 +1251,10 @@ static PyObject *far_within(Evaluator *ev, PyObject *const *args, Py_ssize_t giv
 /* ------------------------------------------------------------------ integration */
 
 /* |B_2k| / (2k)!, k = 1 to 14, of the series of the inverse Jacobian of an exponential */
-static const double BERNOULLI[14] = {1 / 12.0,
-                                     1 / 720.0,
-                                     1 / 30240.0,
-                                     1 / 1209600.0,
-                                     1 / 47900160.0,
-                                     691 / 1307674368000.0,
-                                     1 / 74724249600.0,
-                                     3617 / 10670622842880000.0,
-                                     43867 / 5109094217170944000.0,
-                                     174611 / 802857662698291200000.0,
-                                     77683 / 14101100039391805440000.0,
-                                     236364091 / 1693824136731743669452800000.0,
-                                     657931 / 186134520519971831808000000.0,
-                                     3392780147 / 37893265687455865519472640000000.0};
+static const double BERNOULLI[14] = {
+    0.08333333333333333,   0.001388888888888889,   3.306878306878307e-05,  8.267195767195768e-07, 2.08767569878681e-08,
+    5.284190138687493e-10, 1.3382536530684679e-11, 3.3896802963225827e-13, 8.586062056277845e-15, 2.174868698558062e-16,
+    5.50900282836023e-18,  1.3954464685812525e-19, 3.534707039629467e-21,  8.953517427037546e-23};
 
 enum { PLANAR, SPHERICAL, FREE }; /* joints with curved coordinates */
 
@@ -1424,16 +1437,18 @@ FUSED(terms, "qr", terms_size(ev), terms_at)
 static Py_ssize_t sample_size(const Evaluator *ev)
 {
     Py_ssize_t n = ev->n, r = ev->r, ends = 2 * (kinematics_size(ev) + 2 * n * n + ev->nq);
-    return ends + dynamics_size(ev) + n + r + (n + r) * ev->p + r;
+    return ends + dynamics_size(ev) + n + r + (n + r) * ev->p + r + ev->p * ev->p;
 }
 
 /* q, v2, duration -> record of a state and of the configuration after this time at its velocity: kinematics and F of
-   both, then both q, S, v, v2, B, and the accelerations of unit inputs and without inputs */
+   both, then both q, S, v, v2, B, the accelerations of unit inputs (r, p) and without inputs, and the inverse of the
+   former if p = r */
 static int sample_at(Evaluator *ev, double *const *x)
 {
     Py_ssize_t n = ev->n, size = kinematics_size(ev), inverses = 2 * n * n;
     double *P = x[3], *F = P + size, *at_end = F + inverses, *q = at_end + size + inverses, *q_end = q + ev->nq;
     double *S = q_end + ev->nq, *v = S + dynamics_size(ev), *v2 = v + n, *B = v2 + ev->r, *effects = B + n * ev->p;
+    double *adverse = effects + ev->r * ev->p, *inputs = adverse + ev->r;
     int ok = ev->timed || ev->forced ? 0 : locate_state(ev, x[0], x[1], NULL, P, F);
     if (ok <= 0) return ok;
     memcpy(q, x[0], (size_t)ev->nq * sizeof(double));
@@ -1441,7 +1456,8 @@ static int sample_at(Evaluator *ev, double *const *x)
     velocity(ev, F, ev->mu, v2, v);
     if (!biases(ev, q, P, F, v, NULL, S)) return -1;
     input_matrix(ev, q, P, B, ev->scratch);
-    if (!input_accelerations_at(ev, (double *[]){F, S, B, effects, effects + ev->r * ev->p})) return 0;
+    if (!input_accelerations_at(ev, (double *[]){F, S, B, effects, adverse})) return 0;
+    if (ev->p == ev->r && !invert(effects, inputs, ev->scratch, ev->r)) *inputs = INFINITY;
     for (Py_ssize_t i = 0; i < n; i++) ev->force_row[i] = *x[2] * v[i];
     if (!displace(ev, q, ev->force_row, q_end) || !take_position(ev, q_end, at_end)) return -1;
     return factorize(ev, q_end, at_end, NULL, at_end + size);
@@ -1490,8 +1506,7 @@ static int all_within(const long *index, Py_ssize_t count, Py_ssize_t size)
     return 1;
 }
 
-/* A function of the module: ``name_by`` gets its arguments, and returns False if NumPy has to decide, -1 for an error.
- */
+/* A function of the module: ``name_by`` gets its arguments; False if NumPy has to decide, -1 for an error. */
 #define FUNCTION(name, takes)                                                                                          \
     static PyObject *name(PyObject *module, PyObject *const *args, Py_ssize_t given)                                   \
     {                                                                                                                  \
@@ -1623,9 +1638,7 @@ static int opened(Evaluator *ev, PyObject *arrays) /* views of Pinocchio's memor
     return 1;
 }
 
-/* The tables of Evaluator(...): sizes, references, views, then arrays of bytes; see reduction_kernel.py, which makes
- * them.
- */
+/* The tables of Evaluator(...): sizes, references, views, then arrays of bytes, which reduction_kernel.py makes. */
 static int initialize(PyObject *self, PyObject *args, PyObject *keywords)
 {
     Evaluator *ev = (Evaluator *)self;
@@ -1697,7 +1710,7 @@ static PyMethodDef methods[] = {
     METHOD(allocate, allocation), METHOD(set_numbers, set_numbers), METHOD(vertical, vertical_rows),
     METHOD(passive_forces, passive_forces), METHOD(values, output_values), METHOD(rates, row_rates),
     METHOD(inverse_dynamics, inverse_dynamics), METHOD(forward_dynamics, forward_dynamics),
-    METHOD(state_derivative, state_derivative), METHOD(planned_motion, planned_motion),
+    METHOD(state_derivative, state_derivative), 
     METHOD(planned_steps, planned_steps), METHOD(planned_derivatives, planned_derivatives),
     METHOD(integrate, integrate), METHOD(state_derivatives, state_derivatives),
     METHOD(vertical_velocities, vertical_velocities), METHOD(row_velocities, row_velocities),
@@ -1710,7 +1723,7 @@ static PyMethodDef functions[] = {
     METHOD(riccati_factors, riccati_factors), METHOD(riccati_solve, riccati_solve), METHOD(variances, variances),
     METHOD(interior_point, interior_point), METHOD(cascade, cascade), METHOD(solve, solve),
     METHOD(shape_poses, shape_poses), METHOD(frame_kinematics, frame_kinematics), METHOD(pair_rows, pair_rows),
-    METHOD(pair_bounds, pair_bounds),
+    METHOD(pair_bounds, pair_bounds), METHOD(stopping, stopping), METHOD(program, program),
     {NULL, NULL, 0, NULL},
 };
 

@@ -13,26 +13,6 @@ typedef struct {
     const double *curved; /* 1 for rows of tasks whose damping counts */
 } Level;
 
-/* Rotations that make the rows of A (m, k) orthogonal (Hestenes), also applied to V (m, n); rows that are rounding keep
-   their place. */
-static void orthogonalize(double *A, Py_ssize_t k, double *V, Py_ssize_t n, Py_ssize_t m)
-{
-    double least = 1e-32 * dot(A, A, m * k);
-    int turned = 1;
-    for (int sweep = 0; sweep < 30 && turned; sweep++) {
-        turned = 0;
-        for (Py_ssize_t i = 1; i < m; i++)
-            for (Py_ssize_t j = 0; j < i; j++) {
-                double *x = A + i * k, *y = A + j * k, a = dot(x, x, k), b = dot(y, y, k), c = dot(x, y, k);
-                if (!(a > least && b > least && fabs(c) > 1e-15 * sqrt(a * b))) continue;
-                double theta = (b - a) / (2 * c), t = copysign(1 / (fabs(theta) + sqrt(theta * theta + 1)), theta);
-                double cosine = 1 / sqrt(t * t + 1);
-                rotate(x, y, cosine, t * cosine, k), rotate(V + i * n, V + j * n, cosine, t * cosine, n);
-                turned = 1;
-            }
-    }
-}
-
 /* Residual of the curved rows with a damping; its slope at zero if asked */
 static double residual(const Level *of, double added, int slope)
 {
@@ -144,6 +124,54 @@ static int cascade_by(Arrays *all, PyObject *const *args)
     return 1;
 }
 FUNCTION(cascade, 9)
+
+/* Tasks and limits of a sample on its unknowns: ``_posed`` in inverse_dynamics_qp.py. Rows of tasks (2, k, n) and their
+   rates (2, k), at the end and at the start; roots (k), squares (levels, k), curvature (n), decay; at the end E^-1
+   (n, n), velocity without unknowns (n); v at the start (n); unknowns of v2 (r, r), wanted v2 (r), motion (r, p); rows
+   of limits (l, n), lower and upper bounds (l); inputs (e, p), those without unknowns (e), efforts (e). Then rows
+   (k + r, x), rates (k + r), levers (levels), rows (g, x) of limits and bounds (2, g), whose last ones stay. False if
+   the arrays need the other path. */
+static int program_by(Arrays *all, PyObject *const *args)
+{
+    double *x[23], *V;
+    Py_ssize_t one = 0, k = 0, n = 0, r = 0, p = 0, l = 0, e = 0, g = 0, width = 0, levels = 0;
+    if (!stacked(args[2], &one, &k) || !stacked(args[4], &one, &n) || !stacked(args[11], &r, &p)
+        || !stacked(args[13], &one, &l) || !stacked(args[17], &one, &e) || !stacked(args[20], &one, &levels)
+        || !stacked(args[21], &g, &width) || r > n || p > width || l + e > g)
+        return 0;
+    Py_ssize_t sizes[] = {2 * k * n, 2 * k, k, levels * k, n, 0, n * n,           n,     n,      r * r,     r,    r * p,
+                          l * n,     l,     l, e * p,      e, e, (k + r) * width, k + r, levels, g * width, 2 * g};
+    int ok = arrays_of(all, args, "dddddfddddddddddddwwwww", sizes, x);
+    if (ok <= 0) return ok;
+    if (!allocate(&all->memory, &V, n * p, NULL)) return -1;
+    double *rates = x[19], *levers = x[20], *lower = x[22], *upper = lower + g;
+    multiply(x[6] + n - r, n, x[11], p, V, n, r, p);
+    for (Py_ssize_t i = 0; i < k; i++) {
+        const double *J = x[0] + i * n, *before = J + k * n;
+        double *row = x[18] + i * width, size = 0.0, ahead = dot(before, x[8], n) - x[1][k + i];
+        multiply(J, n, V, p, row, 1, n, p);
+        for (Py_ssize_t j = 0; j < p; j++) row[j] *= x[2][i];
+        rates[i] = x[2][i] * (x[1][i] - dot(J, x[7], n) + *x[5] * ahead);
+        for (Py_ssize_t j = 0; j < n; j++) size += J[j] * J[j] * x[4][j];
+        for (Py_ssize_t j = 0; j < levels; j++) levers[j] += x[3][j * k + i] * size;
+    }
+    for (Py_ssize_t j = 0; j < levels; j++) levers[j] = sqrt(levers[j]);
+    for (Py_ssize_t i = 0; i < r; i++) {
+        multiply(x[9] + i * r, r, x[11], p, x[18] + (k + i) * width, 1, r, p);
+        rates[k + i] = dot(x[9] + i * r, x[10], r);
+    }
+    for (Py_ssize_t i = 0; i < l; i++) {
+        double away = dot(x[12] + i * n, x[7], n);
+        multiply(x[12] + i * n, n, V, p, x[21] + i * width, 1, n, p);
+        lower[i] = x[13][i] - away, upper[i] = x[14][i] - away;
+    }
+    for (Py_ssize_t i = 0; i < e; i++) {
+        memcpy(x[21] + (l + i) * width, x[15] + i * p, (size_t)p * sizeof(double));
+        lower[l + i] = -x[17][i] - x[16][i], upper[l + i] = x[17][i] - x[16][i];
+    }
+    return 1;
+}
+FUNCTION(program, 23)
 
 /* x with A x = b for A (n, n), b (n) or columns (n, k), and a number: by Cholesky's factor if it is not zero, otherwise
    by the inverse. False if neither exists, or if the arrays need the other path. */

@@ -1,5 +1,4 @@
-/* Frames, distances of pairs of shapes, and joints that stop; see filled_arrays.py and rnc_pin/collision. Included
- * at the end of kernel.c. */
+/* Frames, distances of shapes, joints that stop; see filled_arrays.py, rnc_pin/collision. Included in kernel.c. */
 
 /* Rows of the rates: numbers (k, 10) of pairs (distance, normal, nearest points), pairs (k), signs of all pairs (K, n),
    joint Jacobians in the world (6, n), rows (k, n). False if the arrays need the other path. */
@@ -110,3 +109,42 @@ static int shape_poses_by(Arrays *all, PyObject *const *args)
     return 1;
 }
 FUNCTION(shape_poses, 8)
+
+#define NO_EFFECT 1e-9 /* acceleration of a joint per input, below which the input does not move it */
+#define LEAST 0.1      /* of the planned deceleration that remains where the load takes more */
+
+/* Velocities from which joints stop before their limits, as _BoundPositions in joint_limits.py: E^-1 (n, n), input
+   accelerations (r, p) and those without inputs (r), planned efforts (p), q, v, entries of q and of v (2, k), ends of
+   the motion (2, k) and decelerations (2, k) towards upper and lower limits, dt; lower and upper bounds (2, k). False
+   if the arrays need the other path. */
+static int stopping_by(Arrays *all, PyObject *const *args)
+{
+    double *x[11];
+    Py_ssize_t n = 0, r = 0, p = 0, nq = 0, k = 0, other = 0;
+    if (!stacked(args[0], &other, &n) || !stacked(args[1], &r, &p) || !stacked(args[4], &other, &nq)
+        || !stacked(args[6], &other, &k) || r > n)
+        return 0;
+    Py_ssize_t sizes[] = {n * n, r * p, r, p, nq, n, 2 * k, 2 * k, 2 * k, 0, 2 * k};
+    int ok = arrays_of(all, args, "ddddddiddfw", sizes, x);
+    const long *at = (const long *)x[6];
+    if (ok <= 0 || !all_within(at, k, nq) || !all_within(at + k, k, n)) return ok < 0 ? -1 : 0;
+    for (Py_ssize_t i = 0; i < k; i++) {
+        const double *row = x[0] + at[k + i] * n + n - r;
+        double ahead = x[4][at[i]] + 0.5 * *x[9] * x[5][at[k + i]], planned = 0.0;
+        for (Py_ssize_t j = 0; j < p; j++) {
+            double effect = 0.0;
+            for (Py_ssize_t s = 0; s < r; s++) effect += row[s] * x[1][s * p + j];
+            if (fabs(effect) > NO_EFFECT || isfinite(x[3][j])) planned += fabs(effect) * x[3][j];
+        }
+        double most = planned > NO_EFFECT ? fmax(planned - fabs(dot(row, x[2], r)), LEAST * planned) : INFINITY;
+        for (int lower = 0; lower < 2; lower++) {
+            Py_ssize_t of = lower * k + i;
+            double next = fmax(x[7][of] + (lower ? ahead : -ahead), 0.0) / *x[9];
+            double unit = 0.5 * *x[9] * fmin(x[8][of], most), whole = floor(sqrt(next / unit + 0.25) - 0.5);
+            double fastest = whole * unit + next / (whole + 1.0);
+            x[10][lower ? i : k + i] = lower ? -fastest : fastest;
+        }
+    }
+    return 1;
+}
+FUNCTION(stopping, 11)

@@ -62,29 +62,32 @@ static int planned_step(Evaluator *ev, long form, double h, const double *u, dou
 /* True if the numbers (n) before x are the same: steps from one node share their first flow */
 static int same(const double *x, Py_ssize_t n) { return !n || !memcmp(x - n, x, (size_t)n * sizeof(double)); }
 
-/* Form, q, w, inputs and steps h of n nodes; record of q and w after one step of each. False if the general way has to
-   decide. */
+/* Form, q and w of n nodes, or of the first one, whose motion goes on, inputs and steps h of each; record of q and w
+   after one step of each. False if the general way has to decide. */
 static PyObject *planned_steps(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
-    Arrays all = {.count = -1};
-    double *x[5], *shift, *q_at, *w_at, *first;
+    Arrays all = {.count = -1}, starts = {.count = -1};
+    double *h, *u, *q, *w, *out, *shift, *q_at, *w_at, *first;
     Form of;
     if (!expect(ev, given, 6) || !take_form(ev, args[0], &of)) return NULL;
-    Py_ssize_t nq = ev->nq, nw = of.nw, nu = of.nu, sizes[] = {nq, nw, nu, 1, nq + nw};
-    if (!take_sized(&all, args + 1, sizes, 5, 1, x)
-        || !allocate(&all.memory, &shift, ev->n, &q_at, nq, &w_at, nw, &first, ev->n + nw, NULL))
-        return result(&all, -1);
-    double *out = x[4];
-    int ok = plannable(ev, x[2], all.count * nu);
-    for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, out += nq + nw) {
-        const double *q = x[0] + i * nq, *w = x[1] + i * nw, *u = x[2] + i * nu;
+    Py_ssize_t nq = ev->nq, nw = of.nw, nu = of.nu;
+    int ok = -1;
+    if (take(&all, args[4], 1, READ, &h) && take(&all, args[3], nu, READ, &u) && take(&starts, args[1], nq, READ, &q)
+        && take(&starts, args[2], nw, READ, &w) && take(&all, args[5], nq + nw, WRITE, &out)
+        && allocate(&all.memory, &shift, ev->n, &q_at, nq, &w_at, nw, &first, ev->n + nw, NULL))
+        ok = (starts.count == 1 || starts.count == all.count) && plannable(ev, u, all.count * nu);
+    for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, out += nq + nw, u += nu) {
+        int goes_on = i && starts.count == 1, known = i && !goes_on;
+        if (goes_on) q = out - nq - nw, w = out - nw;
+        else if (i) q += nq, w += nw;
+        if (known) known = same(q, nq) && same(w, nw) && same(u, nu);
         memcpy(out, q, (size_t)nq * sizeof(double));
         memcpy(out + nq, w, (size_t)nw * sizeof(double));
-        int known = i && same(q, nq) && same(w, nw) && same(u, nu);
         ok = all_finite(out, nq + nw)
-                 ? planned_step(ev, of.form, x[3][i], u, out, out + nq, nw, shift, q_at, w_at, first, known)
+                 ? planned_step(ev, of.form, h[i], u, out, out + nq, nw, shift, q_at, w_at, first, known)
                  : 0;
     }
+    close_arrays(&starts);
     return result(&all, ok);
 }
 
@@ -203,35 +206,6 @@ static PyObject *planned_derivatives(Evaluator *ev, PyObject *const *args, Py_ss
         }
         memcpy(after, q_at, (size_t)nq * sizeof(double));
         memcpy(after + nq, w_at, (size_t)nw * sizeof(double));
-    }
-    return result(&all, ok);
-}
-
-/* Form, intervals K, steps of each, step; q, w and inputs (K nu). Record of q and w of all K steps. False if the
-   general way has to decide. */
-static PyObject *planned_motion(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
-{
-    Arrays all = {.count = 1};
-    double *q, *w, *u, *out, *q_now, *w_now, *q_at, *w_at, *shift, *first_flow;
-    int ok = -1;
-    Form of;
-    if (!expect(ev, given, 8) || !take_form(ev, args[0], &of)) return NULL;
-    Py_ssize_t K = PyLong_AsSsize_t(args[1]), steps = PyLong_AsSsize_t(args[2]), n = ev->n, nq = ev->nq;
-    double h = PyFloat_AsDouble(args[3]);
-    if (PyErr_Occurred() || !within((long)K, 1 << 20) || !within((long)steps, 1 << 20)) return NULL;
-    Py_ssize_t nw = of.nw, nu = of.nu;
-    if (!allocate(&all.memory, &q_now, nq, &w_now, nw, &q_at, nq, &w_at, nw, &shift, n, &first_flow, n + nw, NULL))
-        return NULL;
-    if (take(&all, args[4], nq, READ, &q) && take(&all, args[5], nw, READ, &w) && take(&all, args[6], K * nu, READ, &u)
-        && take(&all, args[7], K * steps * (nq + nw), WRITE, &out)) {
-        ok = plannable(ev, u, K * nu);
-        memcpy(q_now, q, (size_t)nq * sizeof(double));
-        memcpy(w_now, w, (size_t)nw * sizeof(double));
-        for (Py_ssize_t i = 0; i < K * steps && ok > 0; i++, out += nq + nw) {
-            ok = planned_step(ev, of.form, h, u + i / steps * nu, q_now, w_now, nw, shift, q_at, w_at, first_flow, 0);
-            memcpy(out, q_now, (size_t)nq * sizeof(double));
-            memcpy(out + nq, w_now, (size_t)nw * sizeof(double));
-        }
     }
     return result(&all, ok);
 }

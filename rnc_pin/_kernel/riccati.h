@@ -77,8 +77,7 @@ INLINE void add_product(const double *a, const double *b, double *out, Py_ssize_
 WIDE static void multiply_slopes(const double *a, const double *b, double *out, Py_ssize_t n, Py_ssize_t c)
 { multiply_add(0, a, c, 1, b, c, out, c, n, n, c); }
 
-/* Inverse (n, n) of the symmetric block of a matrix with rows of length step; work (n, n). False if it is not positive
- * definite. */
+/* Inverse (n, n) of a symmetric block in rows of length step; work (n, n). False if it is not positive definite. */
 WIDE static int inverse_of_positive(const double *M, Py_ssize_t step, Py_ssize_t n, double *out, double *work)
 {
     if (!cholesky(M, step, 1, work, n)) return 0;

@@ -27,7 +27,7 @@ static void frame_slopes(const Row *row, const Motion *at, const double *origin,
     memcpy(V, at->v, sizeof at->v), memcpy(V + 3, w, sizeof at->v);
     memcpy(A, origin, sizeof at->v), memcpy(A + 3, at->A + 3, sizeof at->v);
     if (row->i[1]) { subtract(V, row->w + AT_GROUND, V, 6), add_cross(V, at->p, spin), add_cross(A, at->v, spin); }
-    kind->slopes(d, e, parameters, V, A, W, W + 6, k, g);
+    kind->rates(d, e, parameters, W, W + 6), kind->slopes(d, e, parameters, V, A, k, g);
     put(K->v, 1.0, W), put(K->w, 1.0, W + 3);
     put(G->a, 1.0, W), put(G->b, 1.0, W + 3), put(G->v, 1.0, W + 6), put(G->w, 1.0, W + 9);
     if (row->kind == CURVED) put(K->p, 1.0, k), put(G->p, 1.0, g), put(G->v, 1.0, k); /* of the place, not turning */
@@ -45,7 +45,7 @@ static void frame_slopes(const Row *row, const Motion *at, const double *origin,
 static void slopes_of_distance(const double *vector, const double *first, const double *second, Slopes *out)
 {
     double k[3], g[3], W[12], V[6] = {first[0], first[1], first[2]}, A[6] = {second[0], second[1], second[2]};
-    KINDS[DISTANCE].slopes(vector, first, NULL, V, A, W, W + 6, k, g);
+    KINDS[DISTANCE].rates(vector, first, NULL, W, W + 6), KINDS[DISTANCE].slopes(vector, first, NULL, V, A, k, g);
     for (int side = 0; side < 2; side++) {
         double sign = side ? 1.0 : -1.0;
         Change *K = out->velocity + side, *G = out->acceleration + side;

@@ -17,9 +17,10 @@ from numpy import ndarray as Array
 
 from rnc_pin import _kernel
 from rnc_pin.errors import InputError, SingularityError
+from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.evaluation_results import ReducedTerms
-from rnc_pin.model.filled_arrays import CompiledArraysAtQ, CompiledArraysAtV
+from rnc_pin.model.filled_arrays import ArraysAtQ, CompiledArraysAtQ, CompiledArraysAtV
 from rnc_pin.model.input_validation import (
     ArrayInput,
     ConfigurationValidator,
@@ -33,7 +34,37 @@ from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.reduction_kernel import ReductionKernel, RunRecords
 from rnc_pin.model.state_evaluation import StateEvaluation, output_slopes
 
-_ENDS = ("q", "kinematics", "inverse"), ("q_end", "kinematics_end", "inverse_end")  # of a sample's record
+_ENDS = ("q", "v2", "kinematics", "inverse"), ("q_end", "v2", "kinematics_end", "inverse_end")  # of a sample's record
+
+
+class _SampledState(StateEvaluation):
+    """State at an end of a sample, from its record.
+
+    A program reads it in each sample, so it is made without the configuration and its arrays: with them, it takes as
+    long as a product of matrices. They follow at the first look-up of anything else.
+    """
+
+    def __init__(
+        self, evaluator: Evaluator, kernel: ReductionKernel, q: Array, v2: Array, kinematics: Array, inverse: Array
+    ) -> None:
+        self._evaluator, self._data, self._records = evaluator, evaluator.data, (kernel, q, None, kinematics, inverse)
+        self.q, self.t, self._v2, self._v, self._motion, self.v2 = q, None, v2, None, None, v2
+        self.E_inverse = E_inverse = inverse["E_inverse"]
+        self.R = E_inverse[self._data.basis]
+
+    @cached_property
+    def configuration(self) -> ConfigurationEvaluation:
+        return ConfigurationEvaluation(self._evaluator, self.q, None, None, self.arrays_at_q)
+
+    @cached_property
+    def arrays_at_q(self) -> ArraysAtQ:
+        return CompiledArraysAtQ(*self._records)
+
+    @property
+    def compiled_kinematics(self) -> Array:
+        return self._records[3]
+
+    _same = _equal = property(lambda self: self.configuration)
 
 
 class Evaluator:
@@ -107,15 +138,21 @@ class Evaluator:
             raise InputError("v2 is missing: expected the reduced velocity")
         return found
 
-    def vertical_outputs(self, at: ConfigurationEvaluation) -> tuple[Array, Array]:
-        """Jacobian J1 (k, nv) and values x1 (k,) at one configuration, which another reduction has evaluated."""
+    def vertical_outputs(self, at: ConfigurationEvaluation, J1: Array) -> Array:
+        """Values x1 (k,) at one configuration, which another reduction has evaluated.
+
+        Args:
+            at: evaluation at the configuration.
+            J1: Jacobian (k, nv), which is written.
+        """
         kernel, data, known = self.kernel, self.data, at.compiled_kinematics
         if kernel is not None and known is not None and not kernel.python_values[1]:
-            J1, values = np.empty((data.vertical.size, data.n)), np.empty(data.r + data.vertical.size)
+            values = np.empty(data.r + len(J1))
             if kernel.calls.outputs(at.q, known, J1, values):
-                return J1, values[data.r :]
+                return values[data.r :]
         here = at.in_reduction(self)
-        return here.J1, here.outputs()[0]
+        J1[:] = here.J1
+        return here.outputs()[0]
 
     def measured(self, q: Array, v: Array, t: float | None = None) -> StateEvaluation:
         """Evaluate one validated state (nq,), (nv,) with all that a measurement needs.
@@ -147,14 +184,12 @@ class Evaluator:
         if kernel is None or numbers is None:
             return None
         numbers.setflags(write=False)
-        record, states = np.ndarray((), kernel.sample, numbers), []
-        for names in _ENDS:
-            q, kinematics, inverse = map(record.__getitem__, names)
-            arrays = CompiledArraysAtQ(kernel, q, None, kinematics, inverse)
-            at = ConfigurationEvaluation(self, q, None, None, arrays)
-            states.append(StateEvaluation(at, record["v2"]))
-        states[0].v, states[0].input_accelerations = record["v"], (record["effects"], record["adverse"])
-        return states[0], states[1]
+        record = np.ndarray((), kernel.sample, numbers)
+        start, end = (_SampledState(self, kernel, *map(record.__getitem__, names)) for names in _ENDS)
+        start.v, start.input_accelerations = record["v"], (record["effects"], record["adverse"])
+        if self.data.p == self.data.r:
+            start.accelerating_inputs = record["inputs"]
+        return start, end
 
     def filled_state(
         self, kernel: ReductionKernel, q: Array, v: Array, records: RunRecords, t: float | None = None
@@ -206,7 +241,7 @@ class Evaluator:
             T: inputs (p,).
             t: time of the end [s].
             dt: duration [s].
-            bounds: rows (k, r) on the reduced velocities, their lower and upper bounds (k,).
+            bounds: rows (k, nv) on the full velocity, their lower and upper bounds (k,).
         """
         (start, end), data = sample, self.data
         later = np.empty(data.n + data.r + data.vertical.size + 1 + data.rheonomic)

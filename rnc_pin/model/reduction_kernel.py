@@ -315,7 +315,7 @@ class ReductionKernel:
         self.terms = _record({**kinematics, **inverse, "v": (n,), **rates, **coriolis, **forces})
         states = [(f"{name}{end}", getattr(self, name)) for end in ("", "_end") for name in ("kinematics", "inverse")]
         motion = {"q": (data.robot.nq,), "q_end": (data.robot.nq,), **biases, "v": (n,), "v2": (r,), "B": (n, p)}
-        numbers = {**motion, "effects": (r, p), "adverse": (r,)}
+        numbers = {**motion, "effects": (r, p), "adverse": (r,), "inputs": (p, p)}
         self.sample = np.dtype([*states, *((name, float, shape) for name, shape in numbers.items())])
         by = {"v_q": (n, n), "v_v2": (n, r), "v2_dot_q": (r, n), "v2_dot_v2": (r, r), "v2_dot_T": (r, p)}
         self.derivatives = _record({"v": (n,), "v2_dot": (r,), **by})

@@ -25,6 +25,7 @@ from rnc_pin.math.linear_algebra import (
     Component,
     apply,
     apply_transposed,
+    inverse,
     product,
     solve_positive_definite,
     solve_positive_definite_columns,
@@ -376,6 +377,11 @@ class StateEvaluation(ConfigurationEvaluation):
         if (solved := solve_positive_definite_columns(self.H, right)) is None:
             raise DivergenceError("reduced acceleration is not finite: H is not positive definite")
         return solved[:, :-1], solved[:, -1]
+
+    @cached_property
+    def accelerating_inputs(self) -> Float[Array, "p r"]:
+        """Inputs of unit reduced accelerations, at one state with p = r; not finite if inputs depend on each other."""
+        return np.ascontiguousarray(inverse(self.input_accelerations[0]))
 
     def v_dot(self, v2_dot: Array) -> Float[Array, "*batch nv"]:
         """Full acceleration ``R v2_dot + Rdot v2 + b_dot`` for a reduced acceleration (..., r).

@@ -205,7 +205,9 @@ class Harmonic(ReferenceSummary):
         self._phases, self._amplitudes = phase + 0.5 * np.pi * orders, amplitude * self._rate**orders
         # The step of degree seven from 0 to 1 has three derivatives that vanish at both ends.
         step = np.array([-20.0, 70.0, -84.0, 35.0, 0.0, 0.0, 0.0, 0.0]) / max(ramp, 1e-9) ** np.arange(7.0, -1.0, -1.0)
-        self._growth = PiecewisePolynomial(step[:, None, None], np.array([0.0, ramp]), 0.0, ramp)
+        growth = PiecewisePolynomial(step[:, None, None], np.array([0.0, ramp]), 0.0, ramp)._pieces[0]
+        # Leibniz's rule for the product of growth and wave, as polynomials of t: a controller asks in each sample.
+        self._leibniz, self._powers = (growth[:, _ORDERS] * _BINOMIALS).reshape(8, 16), np.arange(8.0)
         self._ramp = ramp
 
     def at(self, t: float) -> ReferencePoint:
@@ -213,9 +215,10 @@ class Harmonic(ReferenceSummary):
             zero = np.zeros(self.size)
             return ReferencePoint(self._center, zero, zero, zero)
         waves = self._amplitudes * np.sin(self._rate * t + self._phases)
-        if t < self._ramp:  # Leibniz's rule for the product of growth and wave
-            waves = (_BINOMIALS * self._growth._at(t)[_ORDERS, 0]).dot(waves)
-        return ReferencePoint(self._center + waves[0], waves[1], waves[2], waves[3])
+        if t < self._ramp:
+            waves = (t**self._powers).dot(self._leibniz).reshape(4, 4).dot(waves)
+        position, velocity, acceleration, jerk = waves
+        return ReferencePoint(self._center + position, velocity, acceleration, jerk)
 
 
 class Geodesic(ReferenceSummary):

@@ -36,8 +36,8 @@ def test_the_compiled_motion_is_that_of_the_steps(name, form, monkeypatch):
     nodes = Nodes(np.array([q for q, _ in states]), np.array([v2[: model.nw] for _, v2 in states]))
     twice = [np.repeat(each, 2, axis=0) for each in (*nodes, u)]
     h, found = np.array([1e-3, 0.0, 0.02]), np.empty((12, len(q) + model.nw))
-    parts = (*(each.copy() for each in start), u, found)
-    assert reduced.evaluator.calls.planned_motion(FORMS.index(form), 3, 4, 1e-3, *parts)
+    parts = (*(each.copy() for each in start), np.repeat(u, 4, axis=0), np.full(12, 1e-3), found)
+    assert reduced.evaluator.calls.planned_steps(FORMS.index(form), *parts)
     fast = model.step(nodes, u, h), model.step(Nodes(*twice[:2]), twice[2], np.repeat(h, 2))
     monkeypatch.setattr(reduced.evaluator, "calls", _kernel.NUMPY_ALONE)
     plain = model.step(nodes, u, h), model.step(Nodes(*twice[:2]), twice[2], np.repeat(h, 2))

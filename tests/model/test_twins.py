@@ -97,11 +97,12 @@ def compare(reduced, q, v2, size=1e-3):
         for one, other in zip(ends[0].input_accelerations, plain.input_accelerations, strict=True):
             near(one, other, condition, "sample")
         near(ends[1].R, end.R, condition * np.max(end.condition) ** 2, "sample")
-        row, faster = np.ones((1, len(v2))), v2 + 0.1
-        later = 0.01 * by_numpy(reduced, end.q, v2=faster).v2_dot(T)
-        away = abs(row @ (faster - v2)) + abs(row @ (later - faster + v2))
+        row, faster = np.ones((1, reduced.n)), v2 + 0.1
+        later, reached = by_numpy(reduced, end.q, v2=faster), row @ (end.R @ faster + end.b)
+        change, ahead = row @ end.R @ (faster - v2), 0.01 * row @ end.R @ later.v2_dot(T)
+        away = abs(change) + abs(ahead - change)
         for margin in (1e-6, -1e-6):
-            bounds = row, row @ faster - 9.0 * away, row @ faster + (1.0 + margin) * away
+            bounds = row, reached - 9.0 * away, reached + (1.0 + margin) * away
             assert reduced.evaluator.far_within(ends, faster, T, 0.0, 0.01, bounds) == (margin > 0.0)
     measured = plain.v + 0.1
     slipping = by_numpy(reduced, q, v=measured)

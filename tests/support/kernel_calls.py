@@ -8,7 +8,7 @@ import pinocchio as pin
 
 import rnc_pin as rnc
 from rnc_pin.collision import CollisionDistances, Obstacle
-from rnc_pin.control import VelocityQP, limits, tasks
+from rnc_pin.control import InverseDynamicsQP, VelocityQP, limits, tasks
 from rnc_pin.math.linear_algebra import inverse, solve
 from rnc_pin.motion.optimal.interior_point import InteriorPointSolver, LinearQuadratic, RiccatiFactors
 from rnc_pin.motion.planning import Harmonic, Hold
@@ -92,6 +92,13 @@ def programs():
                 found += [solution.v2, *solution.multipliers]
     assert sum(multipliers.any() for multipliers in found[1::2]) > 2
     return found
+
+
+def samples():
+    """Inputs of a program that knows the dynamics."""
+    reduced, kept = fresh(tiago), [LIMITS["joint velocities"][1]]
+    program = InverseDynamicsQP(reduced, [TASKS[name][1] for name in ("output", "posture")], kept, dt=0.01)
+    return [program.solve(0.0, q, 0.1 * v2).T for q, v2 in random_states(reduced, 3, seed=5)]
 
 
 def distances():
@@ -179,6 +186,8 @@ CALLS = {
     "variances": (sizes_of_rows, 1e-12),
     "interior_point": (programs_in_stages, 1e-9),
     "cascade": (programs, 1e-10),
+    "program": (samples, 1e-10),
+    "stopping": (lambda: rows_of(LIMITS["joint positions by efforts"]), 1e-12),
     "solve": (lambda: [solve(np.eye(3) + 1.0, np.arange(3.0)), inverse(np.eye(3) + 1.0)], 1e-14),
     "frame_kinematics": (frames, 1e-13),
     "shape_poses": (distances, 1e-13),

@@ -73,8 +73,8 @@ def verify_inputs(
     model, h, start = problem.model, at.duration / problem.K / substeps, problem.start
     u, states = np.repeat(at.u, substeps, axis=0), np.hstack([start.q[:1], start.w[:1]])
     fast, found = model.reduced.evaluator.calls, np.empty((len(u), states.shape[1]))
-    parts = np.array(start.q[0]), np.array(start.w[0]), np.ascontiguousarray(at.u), found
-    known = fast.planned_motion(FORMS.index(model.form), len(at.u), substeps, h, *parts) and np.isfinite(found).all()
+    parts = np.array(start.q[0]), np.array(start.w[0]), u, np.full(len(u), h), found
+    known = fast.planned_steps(FORMS.index(model.form), *parts) and np.isfinite(found).all()
 
     def motion() -> tuple[Iterate, float]:
         if known:

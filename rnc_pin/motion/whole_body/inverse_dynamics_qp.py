@@ -8,9 +8,10 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin import _kernel
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.controller import Command, Description, State, elapsed_time, listed, nested
-from rnc_pin.math.linear_algebra import as_slice, clipped, inverse
+from rnc_pin.math.linear_algebra import as_slice, clipped
 from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.input_validation import Positive, check_positive_settings
 from rnc_pin.model.integrators import DEFAULT_TOLERANCE, ReducedMotion
@@ -63,52 +64,43 @@ class _SampleProgram(NamedTuple):
     """Limits of a sample and the effect of its inputs T, in unknowns y beside the contact forces.
 
     v2 at the end is ``still + motion y``, and ``T = resting + inputs y``. The columns of ``motion`` are orthonormal by
-    ``MotionMetric``: the cost of an unknown is that of a motion. Without ``motion``, y is v2.
+    ``MotionMetric``: the cost of an unknown is that of a motion. Without ``still``, y reaches every v2.
     """
 
     sample: ControlSample
     rows: LimitRows
     contacts: ContactBounds
     basis: MotionBasis
-    motion: Float[Array, "r p"] | None
-    still: Float[Array, " r"]
+    motion: Float[Array, "r p"]
+    still: Float[Array, " r"] | None
     inputs: Float[Array, "p p"]
     resting: Float[Array, " p"]
 
     def velocity(self, unknowns: Array) -> Array:
         """v2 (r,) at the end."""
-        y = unknowns[: len(self.resting)]
-        return y if self.motion is None else np.asarray(self.still + self.motion.dot(y))
+        moved = self.motion.dot(unknowns[: len(self.resting)])
+        return moved if self.still is None else np.asarray(self.still + moved)
 
     def efforts(self, unknowns: Array) -> Array:
         """Inputs T (p,)."""
         return np.asarray(self.resting + self.inputs.dot(unknowns[: len(self.resting)]))
 
-    def on_unknowns(self, rows: Array) -> tuple[Array, Array | float]:
-        """Rows (k, r) on v2 as rows (k, x) on all unknowns, and what ``still`` adds to them (k,)."""
-        moved, still = (rows, 0.0) if self.motion is None else (rows.dot(self.motion), rows.dot(self.still))
-        return self.beside_contacts(moved), still
 
-    def beside_contacts(self, rows: Array, contacts: float | Array = 0.0) -> Array:
-        """Rows (k, x) on y and contact forces, from both parts."""
-        if not self.contacts.unknowns:
-            return rows
-        return np.hstack([rows, np.broadcast_to(contacts, (len(rows), self.contacts.unknowns))])
-
-
-def _unknowns(gain: Array, basis: MotionBasis) -> tuple[Array | None, Array]:
+def _unknowns(state: StateEvaluation, dt: float, basis: MotionBasis) -> tuple[Array, Array]:
     """Velocities (r, p) and inputs (p, p) of unit unknowns: orthonormal columns, or zero for those that move nothing.
 
     Args:
-        gain: velocities (r, p) of the inputs.
+        state: state at the start of a sample.
+        dt: its duration [s].
         basis: unknowns of the metric.
     """
-    r, p = gain.shape
+    effects, _ = state.input_accelerations
+    r, p = effects.shape
     if p == r:  # the unknowns can be the velocities themselves
-        inverted = inverse(gain)
-        if np.vdot(inverted, inverted) * np.vdot(gain, gain) * _NO_EFFECT**2 < 1.0:  # bounds the singular values
-            return (None, inverted) if basis.plain else (basis.to_v2, inverted.dot(basis.to_v2))
-    left, values, right = np.linalg.svd(basis.of_v2 @ gain)
+        inputs = state.accelerating_inputs
+        if np.vdot(inputs, inputs) * np.vdot(effects, effects) * _NO_EFFECT**2 < 1.0:  # bounds the singular values
+            return basis.to_v2, (inputs if basis.plain else inputs.dot(basis.to_v2)) / dt
+    left, values, right = np.linalg.svd(basis.of_v2 @ (dt * effects))
     rank = int((values > _NO_EFFECT * values.max(initial=0.0)).sum())
     motion, inputs = np.zeros((r, p)), right.T.copy()
     motion[:, :rank] = basis.to_v2 @ left[:, :rank]
@@ -195,7 +187,6 @@ class InverseDynamicsQP(WholeBodyProgram):
         efforts = reduced.actuation.limits
         limited = np.flatnonzero(np.isfinite(efforts))
         self._limited, self._efforts = as_slice(limited), efforts[limited]
-        self._unbounded = np.full(len(self._contacts.names), -np.inf)
         self.limit_names = (
             *self._limits.names,
             *(f"{reduced.actuation.names[i]} effort" for i in limited),
@@ -209,6 +200,7 @@ class InverseDynamicsQP(WholeBodyProgram):
                 reduced, self._limits, self._contacts, self._ahead, self.limit_names, dt, braking_time
             )
         self._forces = [np.arange(stops[0], stops[1]), np.arange(stops[1], stops[2])]
+        self._places, self._nowhere = np.arange(stops[2]), np.zeros(reduced.n)
 
     def describe(self) -> Description:
         """Return the settings of tasks and limits."""
@@ -234,7 +226,7 @@ class InverseDynamicsQP(WholeBodyProgram):
         elapsed_time(t, state.time)
         q, v2 = self._configuration(measurement), measurement.v2
         program, found = self._decided(t, q, v2, state.multipliers)
-        exceeded, braking = state.exceeded, state.braking
+        exceeded, worst_exceeded, braking = state.exceeded, state.worst_exceeded, state.braking
         if self._braking is not None:
             start = program.sample.start
             before = self._braking.exceeded(start, t) if state.time is None else exceeded
@@ -246,15 +238,15 @@ class InverseDynamicsQP(WholeBodyProgram):
             chosen, braking = self._braking.decide(
                 start, t, before, planned, under, program.rows, program.contacts, braking
             )
-            exceeded = chosen.exceeded
+            exceeded, worst_exceeded = chosen.exceeded, np.maximum(worst_exceeded, chosen.exceeded)
             if chosen is not planned:
                 found = found._replace(T=chosen.T, v2=chosen.v2, excess=exceeded)
         x1, x2 = self._desired.at(t)
         worst = np.maximum(state.worst_excess, found.excess)
         command = Command(T=found.T, v2_desired=found.v2, x1_desired=x1, x2_desired=x2)
-        beyond = exceeded, np.maximum(state.worst_exceeded, exceeded)
+        amounts = found.excess, worst, exceeded, worst_exceeded
         unsolved = state.unsolved.and_one(t, found.unsolved)
-        return command, InverseDynamicsState(t, found.multipliers, found.excess, worst, *beyond, braking, unsolved)
+        return command, InverseDynamicsState(t, found.multipliers, *amounts, braking, unsolved)
 
     def solve(self, t: float, q: Array, v2: Array, multipliers: Array | None = None) -> InputSolution:
         """Solve the program of one sample.
@@ -272,7 +264,7 @@ class InverseDynamicsQP(WholeBodyProgram):
     ) -> tuple[_SampleProgram, InputSolution]:
         """Program of one sample, and its solution."""
         program = self._program(t, q, v2)
-        return program, self._solved(program, *self._levels(t, program), multipliers)
+        return program, self._solved(program, *self._posed(t, program), multipliers)
 
     def braking_problem(self, t: float, q: Array, v2: Array) -> str | None:
         """Return what the braking motion from a state does not keep; None if all limits hold until rest.
@@ -322,45 +314,53 @@ class InverseDynamicsQP(WholeBodyProgram):
         """Limits of one sample and the effect of its inputs, for tasks and braking motions."""
         sample = ControlSample(self._reduced, t, q, v2, self.dt)
         state = sample.start
-        effects, adverse = state.input_accelerations
         basis = self._metric.basis(sample.end.R)
-        motion, inputs = _unknowns(self.dt * effects, basis)
-        moved = still = state.v2 + self.dt * adverse
-        if motion is not None:
-            moved = basis.of_v2.dot(motion).T.dot(basis.of_v2.dot(still))
-            still = still - motion.dot(moved)
+        motion, inputs = _unknowns(state, self.dt, basis)
+        free = state.v2 + self.dt * state.input_accelerations[1]
+        if motion is basis.to_v2:
+            still, moved = None, free if basis.plain else basis.of_v2.dot(free)
+        else:
+            moved = basis.of_v2.dot(motion).T.dot(basis.of_v2.dot(free))
+            still = free - motion.dot(moved)
         limits = self._limits.rows(sample), self._contacts.at(state)
         return _SampleProgram(sample, *limits, basis, motion, still, inputs, -inputs.dot(moved))
 
     def _solved(
-        self, program: _SampleProgram, levels: TaskLevels, sampled: SampledDamping, multipliers: Array | None
+        self,
+        program: _SampleProgram,
+        levels: TaskLevels,
+        sampled: SampledDamping,
+        bounds: ProgramBounds,
+        multipliers: Array | None,
     ) -> InputSolution:
         """Solve the levels within the limits, which hold for the velocity that the dynamics give at the end."""
         sample, rows = program.sample, program.rows
-        state, motion = sample.start, self._limits.bounds(sample, rows)
-        lowest = slice(-self._reduced.r, None)  # computed torque, which carries the load
-        rest = levels.rate[lowest].dot(levels.jacobian[lowest])
+        state, motions = sample.start, len(rows.lower)
 
-        def solved(limits: ProgramBounds, last: RelaxedSolution | None = None) -> RelaxedSolution:
+        def rest() -> Array:  # by computed torque, which carries the load
+            lowest = slice(-self._reduced.r, None)
+            return np.asarray(levels.rate[lowest].dot(levels.jacobian[lowest]))
+
+        def solved(bounds: ProgramBounds, last: RelaxedSolution | None = None) -> RelaxedSolution:
             given, start = (
                 (sampled, multipliers) if last is None else (sampled._replace(near=last.damping), last.multipliers)
             )
             exclusive = last is not None and bool(last.excess.any())
-            bounds = self._bounds(limits, program)
             return solve_within(levels, bounds, self._limits, rest, 0.0, start, self._forces, given, exclusive)
 
-        found = best = solved(motion)
+        found = best = solved(bounds)
         least, best_end = np.inf, None
+        # Mostly the motion is far from all limits: then nothing need be integrated.
         T, v2 = program.efforts(found.unknowns), program.velocity(found.unknowns)
         far = not found.unsolved and self._reduced.evaluator.far_within(
-            (state, sample.end), v2, T, sample.time, self.dt, (motion.rows, motion.lower, motion.upper)
+            (state, sample.end), v2, T, sample.time, self.dt, (rows.jacobian, rows.lower, rows.upper)
         )
-        for _ in range(0 if far or found.unsolved or not len(rows.lower) else _CORRECTIONS + 1):
+        for _ in range(0 if far or found.unsolved or not motions else _CORRECTIONS + 1):
             end = self._end(state, program.efforts(found.unknowns))
-            reached, averaged = rows.jacobian @ end.v, self._limits.averaged[motion.places]
+            reached, averaged = rows.jacobian @ end.v, self._limits.averaged[rows.places]
             mean = np.where(averaged, rows.jacobian @ self._mean_velocity(state, end), reached)
             beyond = np.maximum(np.maximum(reached, mean) - rows.upper, rows.lower - np.minimum(reached, mean))
-            beyond -= found.excess[motion.places]
+            beyond -= found.excess[rows.places]
             if not beyond.max() < least:
                 break  # near singular coordinates, corrections need not converge
             best, best_end, least = found, end, float(beyond.max())
@@ -369,11 +369,10 @@ class InverseDynamicsQP(WholeBodyProgram):
             expected = rows.jacobian @ (sample.end.R @ program.velocity(found.unknowns) + sample.end.b)
             # A change of the velocity at the end changes the mean by half of it.
             above, below = (np.where(averaged, 2.0 * mean - each, reached) for each in (rows.upper, rows.lower))
-            corrected = motion._replace(
-                lower=motion.lower - np.minimum(reached, below) + expected,
-                upper=motion.upper - np.maximum(reached, above) + expected,
-            )
-            found = solved(corrected, found)
+            lower, upper = bounds.lower.copy(), bounds.upper.copy()
+            lower[:motions] += expected - np.minimum(reached, below)
+            upper[:motions] += expected - np.maximum(reached, above)
+            found = solved(bounds._replace(lower=lower, upper=upper), found)
             if found.unsolved:
                 break
         if not far:
@@ -418,26 +417,45 @@ class InverseDynamicsQP(WholeBodyProgram):
         exceeded[ground] = found.excess[ground]
         return BrakedSample(found.T, end.q, end.v2, exceeded)
 
-    def _levels(self, t: float, program: _SampleProgram) -> tuple[TaskLevels, SampledDamping]:
-        """Tasks on the unknowns, and their damping; the last level brings the rest of the motion to rest."""
-        start, decay = program.sample.start, self._decay
-        v2, now = start.v2, ControlSample(self._reduced, t, start.q, start.v2, 0.0, start)
-        tasks, sampled = self._tasks.at(program.sample)
-        rows, still = program.on_unknowns(np.concatenate([tasks.jacobian, program.basis.of_v2]))
-        rate = np.concatenate([tasks.rate + decay * self._tasks.ahead(now), decay * program.basis.of_v2.dot(v2)])
-        return TaskLevels(rows, rate - still, tasks.ends), sampled
+    def _posed(self, t: float, program: _SampleProgram) -> tuple[TaskLevels, SampledDamping, ProgramBounds]:
+        """Tasks and limits on the unknowns. The last level brings the rest of the motion to rest.
 
-    def _bounds(self, limits: ProgramBounds, program: _SampleProgram) -> ProgramBounds:
-        """Limits of motion, of efforts and of the ground, on the unknowns."""
-        (rows, still), contacts, given = program.on_unknowns(limits.rows), program.contacts, program.resting
-        p, taken = len(given), given[self._limited]
-        efforts = program.beside_contacts(program.inputs[self._limited])
-        parts = [(rows, limits.lower - still, limits.upper - still)]
-        parts.append((efforts, -self._efforts - taken, self._efforts - taken))
-        if self._contacts.names:
-            ground = contacts.rows[:, :p]
-            ground_rows = program.beside_contacts(ground.dot(program.inputs), contacts.rows[:, p:])
-            parts.append((ground_rows, self._unbounded, contacts.upper - ground.dot(given)))
-        whole, lower, upper = map(np.concatenate, zip(*parts, strict=True))
-        places = np.concatenate([limits.places, *self._forces])
-        return ProgramBounds(whole, lower, upper, places, len(self.limit_names))
+        Limits of motion come first, then those of efforts, then those of the ground.
+        """
+        sample, limits, contacts, motion = program.sample, program.rows, program.contacts, program.motion
+        start, end, of_v2, tasks, decay = sample.start, sample.end, program.basis.of_v2, self._tasks, self._decay
+        now = ControlSample(self._reduced, t, start.q, start.v2, 0.0, start)
+        J, rate = tasks.rows(sample, now)
+        inputs, resting, efforts = program.inputs[self._limited], program.resting[self._limited], self._efforts
+        offset, wanted = self._nowhere, decay * start.v2
+        if program.still is not None:
+            offset, wanted = end.R.dot(program.still), wanted - program.still
+        if self._reduced.affine:
+            offset = offset + end.b
+        (r, p), k, motions, ground = motion.shape, len(tasks.roots), len(limits.lower), len(contacts.upper)
+        width, forces = p + contacts.unknowns, motions + len(efforts)
+        rows, rates, levers = np.zeros((k + r, width)), np.empty(k + r), np.zeros(len(tasks.ends))
+        bounds, (lower, upper) = np.zeros((forces + ground, width)), (sides := np.empty((2, forces + ground)))
+        table = tasks.roots, tasks.squares, tasks.curvature, decay, end.E_inverse, offset, start.v, of_v2, wanted
+        given = motion, limits.jacobian, limits.lower, limits.upper, inputs, resting, efforts
+        # All products in one call: one by one, each costs more than its arithmetic.
+        if not _kernel.library.program(J, rate, *table, *given, rows, rates, levers, bounds, sides):
+            moving, away = end.R.dot(motion), limits.jacobian.dot(offset)
+            ahead = J[1].dot(start.v) - rate[1]  # errors of rates decay as those of velocities without a task
+            rows[:k, :p], rates[:k] = (
+                tasks.roots[:, None] * J[0].dot(moving),
+                rate[0] - J[0].dot(offset) + decay * ahead,
+            )
+            rates[:k] *= tasks.roots
+            rows[k:, :p], rates[k:], levers = of_v2.dot(motion), of_v2.dot(wanted), tasks.levers(J[0])
+            bounds[:motions, :p], bounds[motions:forces, :p] = limits.jacobian.dot(moving), inputs
+            lower[:motions], upper[:motions] = limits.lower - away, limits.upper - away
+            lower[motions:forces], upper[motions:forces] = -efforts - resting, efforts - resting
+        if ground:
+            bounds[forces:, :p] = contacts.rows[:, :p].dot(program.inputs)
+            bounds[forces:, p:] = contacts.rows[:, p:]
+            lower[forces:], upper[forces:] = -np.inf, contacts.upper - contacts.rows[:, :p].dot(program.resting)
+        complete = len(bounds) == len(self._places)  # no limit of motion is idle
+        places = self._places if complete else np.concatenate([limits.places, *self._forces])
+        found = ProgramBounds(bounds, lower, upper, places, len(self._places))
+        return TaskLevels(rows, rates, tasks.ends), SampledDamping(sample.dt, levers, tasks.curved), found

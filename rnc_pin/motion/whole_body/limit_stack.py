@@ -196,14 +196,9 @@ class LimitStack:
             whole, low, high, chosen = whole[used], low[used], high[used], chosen[used]
         return LimitRows(whole, low, high, chosen)
 
-    def bounds(self, sample: ControlSample, rows: LimitRows | None = None) -> ProgramBounds:
-        """Return the limits at the end of a sample, with ``v = R v2 + b``.
-
-        Args:
-            sample: the sample.
-            rows: the result of ``rows`` at this sample, if it is known.
-        """
-        J, low, high, places = self.rows(sample) if rows is None else rows
+    def bounds(self, sample: ControlSample) -> ProgramBounds:
+        """Return the limits at the end of a sample, with ``v = R v2 + b``."""
+        J, low, high, places = self.rows(sample)
         assert places is not None
         if self._affine:
             offset = J @ sample.end.b

@@ -120,7 +120,7 @@ class MotionMetric:
             of_v2 = np.asarray(np.linalg.qr(self.scales[:, None] * R, mode="r"))
             of_v2 *= np.sign(of_v2.diagonal())[:, None]
             plain = np.array_equal(of_v2, np.eye(len(of_v2)))
-            last = self._last = numbers, MotionBasis(inverse(of_v2), of_v2, plain)
+            last = self._last = numbers, MotionBasis(np.ascontiguousarray(inverse(of_v2)), of_v2, plain)
         return last[1]
 
 
@@ -229,6 +229,10 @@ class TaskStack:
     Attributes:
         bound: the tasks of the model.
         ends: end of the rows of each level, highest level first.
+        roots: root of the weight of each row (k,), those of resting left out.
+        squares: squared weights (levels, k) of the rows of each level whose Jacobian depends on the configuration.
+        curved: one for these rows (k + resting,), zero for others.
+        curvature: as of ``MotionMetric``.
     """
 
     def __init__(self, tasks: Sequence[ControlTask], reduced: ReducedModel, resting: int, metric: MotionMetric) -> None:
@@ -241,15 +245,14 @@ class TaskStack:
         ends = [bisect_right(ranks, priority) for priority in sorted({*ranks})]
         self.ends = np.array([*ends, len(ranks) + resting] if resting or not ends else ends)
         roots = [np.sqrt(task.numbers("weight", task.weight, len(bound.names))) for task, bound in pairs]
-        self._roots = np.concatenate([np.zeros(0), *roots])
+        self.roots = np.concatenate([np.zeros(0), *roots])
         stops = np.cumsum([0, *(len(bound.names) for _, bound in pairs)]).tolist()
         placed = [(bound, slice(*part)) for (_, bound), part in zip(pairs, pairwise(stops), strict=True)]
         curved = [not bound.constant for _, bound in pairs for _ in bound.names]
-        self._curved, rows = np.array([*curved, *[False] * resting], dtype=float), np.arange(len(ranks) + resting)
+        self.curved, rows = np.array([*curved, *[False] * resting], dtype=float), np.arange(len(ranks) + resting)
         level_of = np.searchsorted(self.ends, rows[: len(ranks)], side="right")
-        # Squared weights of the rows of each level whose Jacobian depends on the configuration.
-        self._squares = self._roots**2 * curved * (level_of == np.arange(len(self.ends))[:, None])
-        self._curvature = metric.curvature
+        self.squares = self.roots**2 * curved * (level_of == np.arange(len(self.ends))[:, None])
+        self.curvature = metric.curvature
         outputs = [(each, where) for each, where in placed if isinstance(each, BoundOutput)]
         self._outputs = OutputsTogether([each for each, _ in outputs], reduced) if outputs else None
         self._output_rows = as_slice(np.concatenate([rows[:0], *(rows[where] for _, where in outputs)]))
@@ -258,24 +261,25 @@ class TaskStack:
 
     def at(self, sample: ControlSample) -> tuple[TaskLevels, SampledDamping]:
         """Return the rows of all tasks at the end of a sample, and the damping of all levels in it."""
-        J, rate = self._rows(sample)
-        damping = SampledDamping(sample.dt, np.sqrt(self._squares.dot((J * J).dot(self._curvature))), self._curved)
+        (J,), (rate,) = self.rows(sample)
+        damping = SampledDamping(sample.dt, self.levers(J), self.curved)
         if self._affine:
             rate = rate - J @ sample.end.b
-        return TaskLevels(self._roots[:, None] * J.dot(sample.end.R), self._roots * rate, self.ends), damping
+        return TaskLevels(self.roots[:, None] * J.dot(sample.end.R), self.roots * rate, self.ends), damping
 
-    def ahead(self, sample: ControlSample) -> Float[Array, " k"]:
-        """Return by how much the velocity at the start is above the desired rates at the end, for all rows."""
-        J, rate = self._rows(sample)
-        return self._roots * (J.dot(sample.start.v) - rate)
+    def levers(self, J: Float[Array, "k nv"]) -> Float[Array, " levels"]:
+        """Return L of each level for the rows of all tasks."""
+        return np.asarray(np.sqrt(self.squares.dot((J * J).dot(self.curvature))))
 
-    def _rows(self, sample: ControlSample) -> tuple[Array, Array]:
-        """Rows on the full velocity."""
-        J, rate = np.empty((len(self._roots), self._nv)), np.empty(len(self._roots))
+    def rows(self, *samples: ControlSample) -> tuple[Float[Array, "s k nv"], Float[Array, "s k"]]:
+        """Return the rows of all tasks at the ends of samples, on the full velocity and unweighted, and their rates."""
+        k, s = len(self.roots), len(samples)
+        J, rate = np.empty((s, k, self._nv)), np.empty((s, k))
         if self._outputs is not None:
-            J[self._output_rows], rate[self._output_rows] = self._outputs.rows(sample)
-        for bound, where in self._others:
-            J[where], rate[where] = bound.rows(sample)
+            J[:, self._output_rows], rate[:, self._output_rows] = self._outputs.rows(*samples)
+        for i, sample in enumerate(samples):
+            for bound, where in self._others:
+                J[i, where], rate[i, where] = bound.rows(sample)
         return J, rate
 
 
@@ -295,7 +299,7 @@ def solve_within(
     levels: TaskLevels,
     bounds: ProgramBounds,
     limits: LimitStack,
-    otherwise: Array,
+    otherwise: Callable[[], Array],
     damping: float = 0.0,
     multipliers: Array | None = None,
     before: Sequence[Array] = (),
@@ -308,7 +312,7 @@ def solve_within(
         levels, bounds, damping, sampled: as for ``solve_cascade``.
         multipliers: multipliers of all limits in a similar program, (levels, k), to start from.
         limits: the limits, in the order in which they give way.
-        otherwise: unknowns (n,) if no program is solved.
+        otherwise: gives the unknowns (n,) if no program is solved.
         before: groups of further places of the bounds that come before the limits.
         exclusive: True if the limits of a similar program exclude each other.
     """
@@ -318,7 +322,7 @@ def solve_within(
     none, relaxed = np.zeros((len(levels.ends), bounds.total)), limits.relaxed(bounds, before)
     if relaxed is None:
         reason = "the program of the least excess over limits is not solved"
-        return RelaxedSolution(otherwise, none, np.zeros(bounds.total), reason)
+        return RelaxedSolution(otherwise(), none, np.zeros(bounds.total), reason)
     found, reason = solve_cascade(levels, relaxed[0], damping, None, sampled), ""
     if found is None:
         found, reason = CascadeSolution(relaxed[1], none), "tasks within limits that gave way are not solved"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -172,7 +173,8 @@ class BoundOutput(BoundTask):
         self._together = OutputsTogether([self], reduced)
 
     def rows(self, sample: ControlSample) -> TaskRows:
-        return self._together.rows(sample)
+        (jacobian,), (rate,) = self._together.rows(sample)
+        return TaskRows(jacobian, rate)
 
 
 class OutputsTogether:
@@ -184,23 +186,26 @@ class OutputsTogether:
     """
 
     def __init__(self, tasks: Sequence[BoundOutput], reduced: ReducedModel) -> None:
-        self._tasks, self._reduced = tasks, reduced
-        self._stack = OutputStack([task.block for task in tasks])
+        self._reduced, self._stack = reduced, OutputStack([task.block for task in tasks])
+        stops = np.cumsum([0, *(len(task.names) for task in tasks)]).tolist()
+        self._references = [(task.reference, slice(*part)) for task, part in zip(tasks, pairwise(stops), strict=True)]
         self._gain = np.concatenate([task.gain for task in tasks])
 
     @cached_property
     def _evaluator(self) -> Evaluator:
         return evaluator_for(self._reduced.reduction_data.measuring(self._stack), self._reduced.evaluator)
 
-    def rows(self, sample: ControlSample) -> TaskRows:
-        """Return the rows of all tasks at the end of a sample."""
-        jacobian, found = self._evaluator.vertical_outputs(sample.end.configuration)
-        points = [task.reference.at(sample.time) for task in self._tasks]
-        parts = list(zip(*points, strict=True))[:2]
-        position, velocity = (np.asarray(each[0]) if len(each) == 1 else np.concatenate(each) for each in parts)
-        coordinates = self._stack.coordinates
-        rate, _ = coordinates.to_rates(position, velocity, velocity)  # for any acceleration
-        return TaskRows(jacobian, rate + self._gain * coordinates.difference(position, found))
+    def rows(self, *samples: ControlSample) -> tuple[Float[Array, "s k nv"], Float[Array, "s k"]]:
+        """Return the rows of all tasks at the ends of samples, and their rates."""
+        k, coordinates = len(self._gain), self._stack.coordinates
+        J, (desired, rate, found) = np.empty((len(samples), k, self._reduced.n)), np.empty((3, len(samples), k))
+        for i, sample in enumerate(samples):
+            found[i] = self._evaluator.vertical_outputs(sample.end, J[i])
+            for reference, where in self._references:
+                desired[i, where], rate[i, where] = reference.at(sample.time)[:2]
+            if coordinates.rotations:
+                rate[i], _ = coordinates.to_rates(desired[i], rate[i], rate[i])  # for any acceleration
+        return J, rate + self._gain * coordinates.difference(desired, found)
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -151,6 +152,6 @@ class VelocityQP(WholeBodyProgram):
         to_v2 = self._metric.basis(sample.end.R).to_v2
         levels = levels._replace(jacobian=levels.jacobian.dot(to_v2))
         bounds = bounds._replace(rows=bounds.rows.dot(to_v2))
-        rest = np.zeros(self._reduced.r)  # hard limits allow it
+        rest = partial(np.zeros, self._reduced.r)  # hard limits allow it
         solved = solve_within(levels, bounds, self._limits, rest, self.damping, multipliers, sampled=sampled)
         return ProgramSolution(to_v2.dot(solved.unknowns), solved.multipliers, solved.excess, solved.unsolved)

@@ -182,12 +182,15 @@ class PlannedBraking:
     """Half of the efforts of a model, less the load at a state: gravity, velocity products and passive forces.
 
     The other half is left for other rows that brake at the same time, and for a load that grows while the robot stops.
+
+    Attributes:
+        efforts: half of the efforts (p,); infinite without a limit.
     """
 
     def __init__(self, reduced: ReducedModel) -> None:
-        efforts = reduced.actuation.limits
-        self._unlimited = np.flatnonzero(~np.isfinite(efforts))
-        self._efforts = np.where(np.isfinite(efforts), _BRAKING * efforts, 0.0)
+        self.efforts = _BRAKING * reduced.actuation.limits
+        self._unlimited = np.flatnonzero(~np.isfinite(self.efforts))
+        self._efforts = np.where(np.isfinite(self.efforts), self.efforts, 0.0)
         self._any = bool(self._efforts.any())
 
     def decelerations(self, jacobian: Array, state: StateEvaluation, both: bool = False) -> Float[Array, " k"]:

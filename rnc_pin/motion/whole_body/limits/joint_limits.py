@@ -9,6 +9,7 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from annotated_types import Ge, Lt
 
+from rnc_pin import _kernel
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.controller import LimitedAcceleration
 from rnc_pin.errors import ConfigurationError
@@ -167,6 +168,7 @@ class _BoundPositions(BoundLimit):
         by_range = (found.upper - found.lower) / _CROSSING_TIME**2
         own = np.where(np.isfinite(fastest), fastest / _STOPPING_TIME, by_range)
         deceleration = own if limit.deceleration is None else np.full(len(own), limit.deceleration)
+        self._places = np.array([found.q, found.v], dtype=int)
         # Towards the upper limits, then towards the lower ones.
         self._inside, self._deceleration = np.append(found.upper - room, -found.lower - room), np.tile(deceleration, 2)
         self._twice, self._sides = np.tile(np.arange(len(found.v)), 2), np.repeat([1.0, -1.0], len(found.v))
@@ -175,6 +177,10 @@ class _BoundPositions(BoundLimit):
     def rows(self, sample: ControlSample) -> LimitRows:
         start, deceleration = sample.start, self._deceleration
         if self._braking is not None:
+            bounds, table = np.empty((2, len(self.names))), (self._places, self._inside, deceleration)
+            forces = start.E_inverse, *start.input_accelerations, self._braking.efforts
+            if _kernel.library.stopping(*forces, start.q, start.v, *table, sample.dt, bounds):
+                return LimitRows(self.jacobian, bounds[0], bounds[1])
             planned = self._braking.decelerations(self.jacobian, start, both=True)
             deceleration = np.minimum(deceleration, planned[self._twice])
         ahead = (start.q[self._q] + 0.5 * sample.dt * start.v[self._v])[self._twice]
