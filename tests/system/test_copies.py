@@ -25,6 +25,7 @@ from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.visualization import LoopView
 from rnc_pin.visualization.drawn_state import DrawnModel
 from systems import space_robot
+from urdf_parts import TETRAHEDRON, joint, link, write
 
 MODULES = [rnc, *(importlib.import_module(f"rnc_pin.{package}") for package in docs_script("make_reference").PACKAGES)]
 NAMED = {
@@ -136,11 +137,11 @@ def shapes(robot):
 
 def test_robots_of_every_source_draw_themselves_elsewhere(tmp_path):
     """Meshes are read again where they are asked for."""
-    (tmp_path / "m.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\nf 1 3 4\nf 2 3 4\n")
-    (tmp_path / "r.urdf").write_text(
-        '<robot name="r"><link name="a"/><link name="b"><visual><geometry><mesh filename="m.obj"/></geometry></visual>'
-        '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-        '<joint name="j" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint></robot>'
+    write(tmp_path / "m.obj", TETRAHEDRON)
+    mesh, hinge = '<mesh filename="m.obj"/>', joint("j", "a", "b", (0, 0, 0))
+    write(
+        tmp_path / "r.urdf",
+        f'<robot name="r"><link name="a"/>{link("b", shape=mesh, geometry="visual")}{hinge}</robot>',
     )
     (tmp_path / "r.xml").write_text(
         '<mujoco><worldbody><body name="b"><joint name="j"/><geom name="g" size="1" mass="1"/></body></worldbody>'

@@ -162,10 +162,7 @@ def attack_all(sender, kind, count, originals, folder):
 @pytest.mark.parametrize("kind", READERS)
 def test_broken_files_end_in_errors_of_ours(kind, tmp_path):
     """In a process of its own: a file that ends it is a fault."""
-    count, originals = (
-        120 if kind == "run" else 30,
-        sources(kind, tmp_path),
-    )  # few changes of a compressed run do no harm
+    originals, count = sources(kind, tmp_path), 120 if kind == "run" else 30  # few changes of a zip file do no harm
     for content in originals:
         (tmp_path / READERS[kind][0]).write_bytes(content)
         READERS[kind][1](tmp_path / READERS[kind][0])

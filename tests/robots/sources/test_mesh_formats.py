@@ -111,6 +111,7 @@ BROKEN = {
     "one place": ("m.obj", "v 0 0 0\nv 0 0 0\nv 0 0 0\nf 1 2 3\n", "no triangles"),
     "a weight of zero": ("m.obj", "v 0 0 0 0\nf 1 1 1\n", "not well-formed OBJ"),
     "one line": ("m.obj", "f " + "1 " * 100_000, "a line of more than"),
+    "half a line": ("m.obj", "v 0 0 \\\n0\n", "continues on the next one"),
     "nodes in a ring": ("m.dae", collada('<instance_geometry url="#g"/></node>', '<instance_node url="#inner"/></node>'), "nodes are more than"),
     "nodes without end": ("m.dae", collada(INNER, nodes(9)), "nodes are more than"),
     "another file": ("m.dae", collada('<instance_node url="#inner"/>', '<instance_node url="file:///etc/x.dae#inner"/>'), "not in the file"),
