@@ -173,24 +173,21 @@ class Robot(NamedModel, SummaryMixin):
     def _from_description(
         cls, path: Path, read: Description, lock: Mapping[str, JointValue] | None, gravity: Sequence[float] | None
     ) -> Robot:
-        def admitted(model: pin.Model) -> Robot:
-            try:
-                return cls(model)
-            except UselessInertia as error:
-                # The model alone knows no links of the file: with them, the remedy names a mass for each.
-                error.joints = massless(model, read.bodies)  # with suggested masses for the file's links
-                error.args = (f"{path}: {error.what}: {remedy(error.joints)}",)
-                raise error from None
-            except ModelError as error:
-                raise error.within(path) from None
-
         model = read.model
         with ModelError.at(path):
             check_model_size(model)
         if gravity is not None:
             model.gravity.linear = check_acceleration(gravity)
         locked = LockedModel(model, lock) if lock else None
-        robot = admitted(model if locked is None else locked.model)
+        try:
+            robot = cls(model if locked is None else locked.model)
+        except UselessInertia as error:
+            # The model alone knows no links of the file: with them, the remedy names a mass for each.
+            error.joints = massless(model if locked is None else locked.model, read.bodies)
+            error.args = (f"{path}: {error.what}: {remedy(error.joints)}",)
+            raise error from None
+        except ModelError as error:
+            raise error.within(path) from None
         robot._geometry = LazyGeometry(read.geometry if locked is None else partial(locked.geometry, read.geometry))
         robot._lost = read.lost
         robot.mimics, robot.closures, robot.references = read.mimics, read.closures, read.references
