@@ -15,7 +15,7 @@ from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.model.generalized_forces import ForceGradient, PassiveForce, admit_coefficients
 from rnc_pin.model.input_validation import Numbers, Positive, Vector
 from rnc_pin.model.kinematics import OWN_AXES, WORLD_AXES, PositionKinematics, VelocityKinematics, over_states
-from rnc_pin.model.rows import ConstantRows, OutputKind, admit_rows
+from rnc_pin.model.rows import OutputKind, admit_rows
 from rnc_pin.model.user_functions import gradient_with_error, vector_gradient_with_error
 from rnc_pin.robots.robot import Robot
 
@@ -157,14 +157,12 @@ class _OutputForce(PassiveForce):
         if rows is None or any(row.form not in FORMS_OF_FORCES for row in rows):
             return None
         # Only a spring compares values; a damper on a wrapped angle needs no turns.
-        turns = self._coordinates.kinds * self.conservative
+        turns = self._coordinates.angular & self.conservative
         columns = np.stack([self._stiffness, self._rest, turns, self._damping, self._limit], axis=1).tolist()
         laws = [KernelForce._make([0.0, *row, self._speed]) for row in columns]
         # The kernel has values of some outputs only. NumPy evaluates a spring on the others.
         if any(law.stiffness and row.value[0] == Value.NONE for law, row in zip(laws, rows, strict=True)):
             return None
-        if isinstance(self._rows, ConstantRows):
-            rows = [row._replace(constant=line) for row, line in zip(rows, self._rows.matrix, strict=True)]
         return list(zip(rows, laws, strict=True))
 
     def potential(self, at: PositionKinematics) -> np.ndarray:

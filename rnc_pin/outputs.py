@@ -473,7 +473,7 @@ class _JointRow(ConstantRows, OutputRows):
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
         value = Value.CONTINUOUS_JOINT if self.angular[0] else Value.JOINT
-        return [KernelRow(Form.CONSTANT, value=(value, self._joint.idx_q))]
+        return [KernelRow(Form.CONSTANT, value=(value, self._joint.idx_q), constant=self.matrix[0])]
 
     def value(self, at: PositionKinematics) -> np.ndarray:
         return self._joint.position(at.q)[..., None]

@@ -120,7 +120,7 @@ class KernelRow(NamedTuple):
     value: tuple[Value, int] = (Value.NONE, 0)
     """Value of an output, with its parameter."""
     constant: np.ndarray | None = None
-    """Jacobian (nv,) of a constant row that is in no stack of rows, such as that of a force."""
+    """Jacobian (nv,) of a constant row."""
 
 
 def attached(model: pin.Model, frame: int, offset: pin.SE3 | None = None) -> AttachedFrame:

@@ -16,7 +16,7 @@ from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import Component, apply
 from rnc_pin.model.coordinates import Coordinates, left_jacobian
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics, over_states
-from rnc_pin.model.rows import ConstantRows, OutputKind, OutputRows, Rows, admit_rows, admitting
+from rnc_pin.model.rows import OutputKind, OutputRows, Rows, admit_rows, admitting
 from rnc_pin.model.user_functions import DerivedRate, Function, Rate, central_difference, check_rate
 from rnc_pin.robots.robot import Robot
 
@@ -98,10 +98,7 @@ class FixedRows(Rows):
         Args:
             model: model of the robot.
         """
-        rows = self._output.kernel_rows(model)
-        if rows is None or not isinstance(self._output, ConstantRows):
-            return rows
-        return [row._replace(constant=line) for row, line in zip(rows, self._output.matrix, strict=True)]
+        return self._output.kernel_rows(model)
 
     def _wanted(self, at: PositionKinematics) -> Array:
         """Value (..., k) that the output should have."""

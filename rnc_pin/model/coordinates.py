@@ -45,10 +45,6 @@ class Coordinates:
         self.size = len(self.angular)
         self._triples = [slice(first, first + 3) for first in self.rotations]
         self._has_angles = bool(self.angular.any())
-        self.kinds = self.angular.astype(float)
-        """Kind of each entry (k,) for the compiled kernel: 0 for numbers, 1 for angles, 2 for rotation vectors."""
-        for triple in self._triples:
-            self.kinds[triple] = 2.0
 
     def choose(self, places: np.ndarray) -> Coordinates:
         """Coordinate types of the outputs at some indices, in this order.

@@ -59,13 +59,8 @@ class RowTable:
         laws = passive if self.fused and passive is not None else []
         rows = [*stacked, *vertical, *forces, *(row for row, _ in laws)]
         self.laws = np.array([law for _, law in laws], dtype=float).reshape(-1, len(KernelForce._fields))
-        constant = [row.constant for row in rows[data.n + data.vertical.size :]]
         zero = np.zeros(data.n)
-        others = [zero if row is None else row for row in constant]
-        self.constant = np.vstack([data.template, data.vertical.template(data.n), *others])
-        for k, row in enumerate(stacked[: data.m]):
-            if row.constant is not None:
-                self.constant[k] = row.constant
+        self.constant = np.array([zero if row.constant is None else row.constant for row in rows])
         self.rates = [row.rate for row in stacked[: data.m]]
         kernel = [place for place in data.constraints.places if place.block.rheonomic]
         self.driven = [place for place in kernel if place.block.kernel_rows(self._model) is not None]
@@ -98,12 +93,9 @@ class RowTable:
         count = 0
         for place in stack.places:
             found = place.block.kernel_rows(self._model)
-            chosen = (
-                np.arange(len(place.block.names))
-                if place.rows is None
-                else np.arange(len(place.block.names))[place.rows]
-            )
+            chosen = place.of(np.arange(len(place.block.names)))
             if found is None:
+                # Python writes these rows one after the other into the array that the call gets.
                 external.append(place)
                 rows += [KernelRow(Form.EXTERNAL, (), (count + k,)) for k in range(len(chosen))]
                 count += len(chosen)
@@ -191,10 +183,8 @@ def kernel_evaluator(data: ReductionData, table: RowTable, mu: Array | None) -> 
     n, k, joints = data.n, data.vertical.size, robot.model.njoints
     parts = data.actuation.parts
     constant = np.zeros((n, data.p)) if parts is None else parts[0]
-    external = [
-        sum(len(place.of(np.arange(len(place.block.names)))) for place in places)
-        for places in (table.external, table.external_vertical)
-    ]
+    both = (table.external, table.external_vertical)
+    external = [sum(place.where.stop - place.where.start for place in places) for places in both]
     sizes = (robot.nq, n, data.m, k, data.p, joints, len(table.frames), *external, len(table.integers))
     rows, frames = np.empty(len(table.integers), _ROW), np.empty(len(table.frames), _FRAME)
     rows["integers"], rows["numbers"] = table.integers, table.numbers

@@ -277,7 +277,7 @@ class ConstantRows(Rows):
         return np.zeros(self.matrix.shape)
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
-        return [KernelRow(Form.CONSTANT)] * len(self.matrix)
+        return [KernelRow(Form.CONSTANT, constant=row) for row in self.matrix]
 
 
 class OutputRows(Rows):
