@@ -255,12 +255,14 @@ def check_settings(settings: object) -> None:
         value, annotated = getattr(settings, name), [hint, *get_args(hint)]
         # Bounds stand in the annotations, as ``Annotated[float, Gt(0)]``.
         marks = [mark for each in annotated for mark in getattr(each, "__metadata__", ())]
+        # In a union with None the integer stands below the annotation: ``Annotated[int, Gt(0)] | None``.
+        whole = int in (getattr(each, "__origin__", each) for each in annotated)
         bounds = [(*_BOUNDS[kind], getattr(mark, kind)) for mark in marks for kind in _BOUNDS if hasattr(mark, kind)]
         unset = value is None and type(None) in annotated
-        valid = unset or not bounds or (is_number(value) and (int not in annotated or is_count(value)))
+        valid = unset or not bounds or (is_number(value) and (not whole or is_count(value)))
         if not (valid and all(unset or holds(value, bound) for _, holds, bound in bounds)):
             words = " and ".join(f"{word} {bound}" for word, _, bound in bounds)
-            what = "an integer, " if int in annotated else ""
+            what = "an integer, " if whole else ""
             raise ConfigurationError(f"{name} of {type(settings).__name__} has to be {what}{words}, found {value!r}")
 
 
