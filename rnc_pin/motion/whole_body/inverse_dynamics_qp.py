@@ -229,6 +229,7 @@ class InverseDynamicsQP(WholeBodyProgram):
         exceeded, worst_exceeded, braking = state.exceeded, state.worst_exceeded, state.braking
         if self._braking is not None:
             start = program.sample.start
+            # The last sample has computed what its end exceeds, which is this start.
             before = self._braking.exceeded(start, t) if state.time is None else exceeded
             planned = self._reached(program, found)
 
@@ -242,6 +243,7 @@ class InverseDynamicsQP(WholeBodyProgram):
             if chosen is not planned:
                 found = found._replace(T=chosen.T, v2=chosen.v2, excess=exceeded)
         x1, x2 = self._desired.at(t)
+        # A verdict reads the last state alone, so it has the largest amounts.
         worst = np.maximum(state.worst_excess, found.excess)
         command = Command(T=found.T, v2_desired=found.v2, x1_desired=x1, x2_desired=x2)
         amounts = found.excess, worst, exceeded, worst_exceeded
@@ -292,6 +294,7 @@ class InverseDynamicsQP(WholeBodyProgram):
         """
         own = next(each for each in nested(state) if isinstance(each, InverseDynamicsState))
         braked, unverified = own.braking.braked, own.braking.unverified
+        # The reason names what the program would have exceeded.
         braked = braked._replace(reason=f"{braked.reason} otherwise")
         what = "a verified braking motion took the place of the program"
         found = braked.findings(FindingKind.BRAKING, "program", what, samples)
@@ -317,6 +320,7 @@ class InverseDynamicsQP(WholeBodyProgram):
         basis = self._metric.basis(sample.end.R)
         motion, inputs = _unknowns(state, self.dt, basis)
         free = state.v2 + self.dt * state.input_accelerations[1]
+        # Inputs that reach every velocity also cancel what moves without them: no part of it remains.
         if motion is basis.to_v2:
             still, moved = None, free if basis.plain else basis.of_v2.dot(free)
         else:
@@ -345,6 +349,7 @@ class InverseDynamicsQP(WholeBodyProgram):
             given, start = (
                 (sampled, multipliers) if last is None else (sampled._replace(near=last.damping), last.multipliers)
             )
+            # Limits that exclude each other still do after a correction: an attempt to keep them is spared.
             exclusive = last is not None and bool(last.excess.any())
             return solve_within(levels, bounds, self._limits, rest, 0.0, start, self._forces, given, exclusive)
 
@@ -413,6 +418,7 @@ class InverseDynamicsQP(WholeBodyProgram):
         exceeded = np.zeros(len(self.limit_names))
         mean = self._mean_velocity(program.sample.start, end)
         exceeded[: len(self._limits.names)] = self._limits.exceeded(end, program.sample.time, program.rows, mean)
+        # Forces of the ground follow from the inputs, not from the state at the end.
         ground = self._forces[1]
         exceeded[ground] = found.excess[ground]
         return BrakedSample(found.T, end.q, end.v2, exceeded)

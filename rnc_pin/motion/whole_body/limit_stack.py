@@ -71,6 +71,7 @@ class ContactCones:
         if not self.names:
             return self._none
         effects, needed = self._forces.equations(state, np.vstack([np.zeros(p), np.eye(p)]))
+        # Rigid bodies leave some forces undetermined: these become unknowns beside the inputs.
         left, values, right = np.linalg.svd(effects[0])
         rank = int((values > _RANK * values[0]).sum())
         inverse = right[:rank].T @ (left[:, :rank] / values[:rank]).T
@@ -87,6 +88,7 @@ class ContactCones:
         inverses = np.divide(1.0, values, out=np.zeros_like(values), where=counted)
         along = inverses * np.matvec(left.mT[:, : values.shape[1]], needed)
         found = np.matvec(right.mT[:, :, : values.shape[1]], along) @ self._conditions.T
+        # The forces of least norm need not be the best ones: undetermined forces may mend what these violate.
         for number in np.flatnonzero((found > 0.0).any(axis=1)):
             free = self._conditions @ right[number, int(counted[number].sum()) :].T
             point = nearest_point(np.zeros(free.shape[1]), free, np.full(len(free), -np.inf), -found[number])
@@ -105,6 +107,7 @@ class ContactCones:
             across = np.cos(angles)[:, None] * forces[place, 1]
             if along > 1:
                 across = across + np.sin(angles)[:, None] * forces[place, 2]
+            # Corners of the pyramid are on the cone: no force inside it slips.
             inside = self._friction * (1.0 if sides == 2 else np.cos(np.pi / sides))
             rows.append(across - inside * forces[place, 0])
         return np.vstack(rows)
@@ -163,10 +166,12 @@ class LimitStack:
         self.averaged = np.repeat([each.averaged for each in self._bound], sizes).astype(bool)
         stops = np.cumsum([0, *sizes])
         self._places = [np.arange(stop - size, stop) for stop, size in zip(stops[1:], sizes, strict=True)]
+        # Hard limits are the first group: they give way last.
         ranks = np.repeat([-1 if each.hard else each.priority for each in limits], sizes).astype(int)
         hard = np.repeat([each.hard for each in limits], sizes).astype(bool)
         self._groups = [np.flatnonzero(hard), *(np.flatnonzero(~hard & (ranks == p)) for p in sorted({*ranks[~hard]}))]
         constant = [each.jacobian for each in self._bound if each.jacobian is not None]
+        # Limits of joints have the same rows in each sample: stacked once, they are not copied again.
         all_constant = constant and len(constant) == len(limits)
         self._constant = (np.vstack(constant), np.arange(stops[-1])) if all_constant else None
         self._nothing = np.zeros((0, reduced.n)), np.zeros(0), np.zeros(0), np.zeros(0, dtype=int)
@@ -190,6 +195,7 @@ class LimitStack:
         jacobians, lower, upper, places = zip(self._nothing, *found, strict=True)
         low, high = np.concatenate(lower), np.concatenate(upper)
         whole, chosen = self._constant or (np.concatenate(jacobians), np.concatenate(places))
+        # One product finds whether any bound is missing; most programs have all.
         widths = high - low
         if not widths.dot(widths) < np.inf:
             used = np.isfinite(low) | np.isfinite(high)
@@ -200,6 +206,7 @@ class LimitStack:
         """Return the limits at the end of a sample, with ``v = R v2 + b``."""
         J, low, high, places = self.rows(sample)
         assert places is not None
+        # Moving constraints carry the robot along: the program has what is left of each bound.
         if self._affine:
             offset = J @ sample.end.b
             low, high = low - offset, high - offset
@@ -217,6 +224,7 @@ class LimitStack:
             mean: mean velocity (nv,) over this sample; None for a start.
         """
         found = np.zeros(len(self.names))
+        # At a start, no sample has led to the state: its velocity may have any cause.
         if rows is not None:
             reached = rows.jacobian @ state.v
             found[rows.places] = np.maximum(reached - rows.upper, rows.lower - reached)
@@ -244,6 +252,7 @@ class LimitStack:
             belongs[members] = True
             group = np.flatnonzero(belongs[bounds.places])
             both = np.concatenate([fixed, group])
+            # A coarse solution would count a group as compatible that is not.
             found = nearest_point(np.zeros(r), rows[both], lower[both], upper[both], coarse=False)
             if found is not None:
                 inside = found.point
@@ -252,6 +261,7 @@ class LimitStack:
                 if v2 is None:
                     return None
                 inside = v2
+                # Room for the tolerance of the solver, or the next group finds no velocity within these bounds.
                 values, room = rows[group] @ v2, _ROUNDING * (1.0 + np.abs(rows[group]).sum(axis=1))
                 lower[group] = np.where(values < lower[group], values - room, lower[group])
                 upper[group] = np.where(values > upper[group], values + room, upper[group])
@@ -262,6 +272,7 @@ class LimitStack:
     def _least_excess(bounds: ProgramBounds, fixed: Array, group: Array) -> Array | None:
         """Velocity (r,) that exceeds the rows of a group least, within the rows before it; None if it is not found."""
         r, k = bounds.rows.shape[1], len(group)
+        # Without a cost of the velocity, the least excess would leave it undetermined.
         # Variables: the velocity times its cost, and the excess of each row of the group.
         free = np.zeros((len(fixed) + 2 * k, r + k))
         both = np.concatenate([fixed, group, group])
@@ -274,6 +285,7 @@ class LimitStack:
         if found is None:
             return None
         v2 = found.point[:r] / _VELOCITY_COST
+        # The tolerance of the solver may exceed bounds of groups that come first: then the answer is of no use.
         values, room = bounds.rows[fixed] @ v2, ROUNDING * (1.0 + np.abs(free[: len(fixed)]).sum(axis=1))
         kept = (values <= bounds.upper[fixed] + room).all() and (values >= bounds.lower[fixed] - room).all()
         return v2 if kept else None

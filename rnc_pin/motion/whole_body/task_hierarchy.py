@@ -107,6 +107,7 @@ class MotionMetric:
         somewhere = kinematics.position(pin.integrate(model, robot.configuration(), np.cos(np.arange(reduced.n))))
         last = (chains.sum(axis=0) * np.bincount(joint_of, minlength=model.njoints) == 1.0)[joint_of]
         last[limited.v] = False
+        # Constraint rows of a wheel are the same after a turn of it: nothing depends on its angle.
         for i in np.flatnonzero(last & turns & rows.jacobian(somewhere).any(axis=0)):
             if np.abs(rows.jacobian_dot(somewhere.with_velocity(np.eye(reduced.n)[i]))).max() < _SAME:
                 self.scales[i] = _WHEEL
@@ -115,9 +116,11 @@ class MotionMetric:
 
     def basis(self, R: Float[Array, "nv r"]) -> MotionBasis:
         """Return unknowns for the motions ``R v2``; the last ones if R has not changed."""
+        # R of a fixed base is constant, and a factorization takes longer than a comparison.
         numbers, last = R.tobytes(), self._last
         if last is None or last[0] != numbers:
             of_v2 = np.asarray(np.linalg.qr(self.scales[:, None] * R, mode="r"))
+            # A factorization leaves the signs open: unknowns must not change theirs between samples.
             of_v2 *= np.sign(of_v2.diagonal())[:, None]
             plain = np.array_equal(of_v2, np.eye(len(of_v2)))
             last = self._last = numbers, MotionBasis(np.ascontiguousarray(inverse(of_v2)), of_v2, plain)
@@ -275,6 +278,7 @@ class TaskStack:
         """Return the rows of all tasks at the ends of samples, on the full velocity and unweighted, and their rates."""
         k, s = len(self.roots), len(samples)
         J, rate = np.empty((s, k, self._nv)), np.empty((s, k))
+        # Outputs share the kinematics of their joints: one evaluation gives all of them.
         if self._outputs is not None:
             J[:, self._output_rows], rate[:, self._output_rows] = self._outputs.rows(*samples)
         for i, sample in enumerate(samples):
@@ -327,6 +331,7 @@ def solve_within(
     if found is None:
         found, reason = CascadeSolution(relaxed[1], none), "tasks within limits that gave way are not solved"
     excess = bounds.excess(found.unknowns)
+    # Bounds that gave way were widened by the tolerance of the solver, which is no excess.
     excess[excess < _EXCEEDED] = 0.0
     return RelaxedSolution(found.unknowns, found.multipliers, bounds.spread(excess), reason, found.damping)
 
@@ -367,6 +372,7 @@ class _Level:
     def __init__(
         self, free: _FreeDirections, own: Array, rate: Array, norm: float, damping: float, curved: Array, factor: float
     ) -> None:
+        # Lower levels need the directions that no row sees, and they are missing in the short form.
         left, values, self._right = np.linalg.svd(own, full_matrices=len(own) < own.shape[1])
         rank = int((values > _RANK * norm).sum())
         self._free, self._own, self._norm, self._factor = free, own, norm, factor
@@ -423,6 +429,7 @@ class _Level:
         units, (rows, lower, upper) = np.sqrt(self._costs + added), self._limits
         if (found := nearest_point(self._pulls / units, rows / units, lower, upper, self._start)) is None:
             return None
+        # The next damping is near this one, and mostly the same limits are active.
         self._start = found.multipliers
         return found.point / units, found.multipliers
 

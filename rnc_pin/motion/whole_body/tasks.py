@@ -73,6 +73,7 @@ class BoundTask(ABC):
         """
         if self.followed is None:
             return {}
+        # Quasi-velocities have no position: their goal is the velocity of the reference.
         stack, point = self.followed, self.reference.at(time)
         away = stack.coordinates.difference(point.position, stack.value(position))
         away = np.where(stack.quasi, point.velocity - stack.jacobian(position) @ v, away)
@@ -169,6 +170,7 @@ class BoundOutput(BoundTask):
         self.names, self.followed = self.block.names, OutputStack([self.block])
         self.constant = isinstance(self.block, ConstantRows) or self.block.quasi
         check_size(reference, len(self.names), f"'{', '.join(self.names)}'")
+        # A quasi-velocity has no position, so its gain has no effect.
         self.gain = task.numbers("gain", task.gain, len(self.names)) * (not self.block.quasi)
         self._together = OutputsTogether([self], reduced)
 
@@ -203,6 +205,7 @@ class OutputsTogether:
             found[i] = self._evaluator.vertical_outputs(sample.end, J[i])
             for reference, where in self._references:
                 desired[i, where], rate[i, where] = reference.at(sample.time)[:2]
+            # Rates are angular velocities there, which are no derivatives of rotation vectors.
             if coordinates.rotations:
                 rate[i], _ = coordinates.to_rates(desired[i], rate[i], rate[i])  # for any acceleration
         return J, rate + self._gain * coordinates.difference(desired, found)
@@ -268,6 +271,7 @@ class BasePoseTask(ControlTask):
 
     def numbers(self, name: str, value: float | Sequence[float], size: int) -> Float[Array, " k"]:
         given = np.atleast_1d(np.asarray(value, dtype=float))
+        # Settings of a pose are three numbers; the rows of pivots take the largest of them.
         more = [given.max()] * (size - 3) if given.shape == (3,) else []  # rows of pivots
         return super().numbers(name, [*given, *more] if more else value, size)
 
@@ -293,10 +297,12 @@ class _BoundBase(BoundTask):
         rate = desired.velocity + self._gain * error
         cosine, sine = np.cos(desired.position[2]), np.sin(desired.position[2])
         forward = cosine * desired.velocity[0] + sine * desired.velocity[1]
+        # A base that cannot move sideways turns towards the path while it moves.
         rate[2] += self._lateral_gain * forward * (np.cos(yaw) * error[1] - np.sin(yaw) * error[0])
         rows = np.vstack([self._pose.jacobian(at), self._pivots])
         if self._aiming is None:
             return TaskRows(rows, rate)
+        # Pivots turn with the base: they are aimed at the twist in its own axes.
         c, s = np.cos(yaw), np.sin(yaw)
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         twist, rates = self._aiming.aimed(sample.end.q, rate @ turn, sample.start.v, sample.dt or self._aiming.dt)
@@ -415,5 +421,6 @@ class _BoundSingularity(BoundTask):
         self._gain = task.numbers("gain", task.gain, reduced.r)
 
     def rows(self, sample: ControlSample) -> TaskRows:
+        # The derivative of log |det E| is the trace of E^-1 times that of E.
         rates = sample.along_reducing_outputs().E_dot
         return TaskRows(sample.end.J2, self._gain * np.einsum("ij,sji->s", sample.end.E_inverse, rates))

@@ -127,6 +127,8 @@ class VelocityQP(WholeBodyProgram):
         """
         q = self._configuration(measurement)
         elapsed = elapsed_time(t, state.time)
+        # Commands continue from commands: the lag of a motor would otherwise slow each of them down.
+        # A late sample finds the velocity of the planned end, which the robot has held since.
         v2 = state.v2 + min(elapsed, state.interval) * state.v2_dot
         dt = self.dt or elapsed or state.interval
         x1, x2 = self._desired.at(t)
@@ -136,6 +138,7 @@ class VelocityQP(WholeBodyProgram):
         sample = ControlSample(self._reduced, t, q, v2, dt)
         solution = self.solve(sample, state.multipliers)
         v2_dot = (solution.v2 - v2) / dt
+        # The state has the largest amounts, because a verdict reads the last state alone.
         worst = np.maximum(state.worst_excess, solution.excess)
         unsolved = state.unsolved.and_one(t, solution.unsolved)
         next_state = ProgramState(t, dt, v2, v2_dot, solution.multipliers, solution.excess, worst, unsolved)
@@ -149,6 +152,7 @@ class VelocityQP(WholeBodyProgram):
             multipliers: multipliers of the last program, (levels, k), to start from.
         """
         (levels, sampled), bounds = self._tasks.at(sample), self._limits.bounds(sample)
+        # In unknowns of the metric, damping does not depend on the choice of the reducing outputs.
         to_v2 = self._metric.basis(sample.end.R).to_v2
         levels = levels._replace(jacobian=levels.jacobian.dot(to_v2))
         bounds = bounds._replace(rows=bounds.rows.dot(to_v2))

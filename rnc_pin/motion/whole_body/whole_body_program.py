@@ -47,6 +47,7 @@ class SampleCount(NamedTuple):
         """Count one more sample; none without a reason."""
         if not reason:
             return self
+        # Later reasons mostly follow from the first one.
         first = (t, reason) if self.first is None else (self.first, self.reason)
         return SampleCount(self.samples + 1, *first)
 
@@ -97,6 +98,7 @@ class WholeBodyProgram(ReprMixin):
         self._reduced = reduced
         self._metric, self._limits = MotionMetric(reduced), LimitStack(self.limits, reduced)
         self._tasks = TaskStack(self.tasks, reduced, resting, self._metric)
+        # The record of a run compares outputs with the goals of the tasks that have them.
         self._desired = DesiredOutputs(self._tasks.bound, reduced)
         first = min((task.priority for task in tasks), default=0)
         alone = all(isinstance(task, PostureTask | DampingTask) for task in tasks)
@@ -143,6 +145,7 @@ class WholeBodyProgram(ReprMixin):
         own = next(each for each in nested(state) if isinstance(each, ProgramRecord))
         what = "the program was not solved"
         found = own.unsolved.findings(FindingKind.UNSOLVED, "program", what, samples, MOSTLY)
+        # The largest amount since the start: a limit that gave way for one sample was exceeded.
         for name, amount in self.report(own).worst.items():
             message = f"limit {name} gave way by up to {amount:.3g}, because limits excluded each other"
             found += (Finding(FindingKind.LIMIT_GAVE_WAY, name, amount, "", None, Severity.DEGRADES, message),)
@@ -157,6 +160,7 @@ class WholeBodyProgram(ReprMixin):
         errors: dict[str, float] = {}
         for each in self._goals:
             for name, error in each.errors(t, self._reduced.at(q).position, v).items():
+                # Two tasks may follow the same output: its name then stands for both.
                 errors[name] = max(error, errors.get(name, 0.0))
         return errors
 
@@ -171,6 +175,7 @@ class WholeBodyProgram(ReprMixin):
     def report(self, state: State) -> LimitReport:
         """Return the limits that are active, and those that gave way."""
         names = self.limit_names
+        # A limit changes the motion where it pushes at any level.
         active = tuple(names[place] for place in np.flatnonzero(np.any(state.multipliers, axis=0)))
         exceeded = [
             {name: float(value) for name, value in zip(names, values, strict=True) if value}
@@ -191,6 +196,7 @@ def _describe_item(description: object) -> Json:
     found: dict[str, Json] = {"type": type(description).__name__}
     for each in fields(description):
         value = getattr(description, each.name)
+        # Parts of a setting, such as obstacles, are known to the reader by their names.
         if isinstance(value, list | tuple) and any(is_dataclass(item) for item in value):
             found[each.name] = [str(getattr(item, "name", repr(item))) for item in value]
         elif isinstance(value, np.ndarray | list | tuple):
@@ -224,6 +230,7 @@ class DesiredOutputs:
         """Return x1 and x2 at a time [s], NaN for outputs without a task; None if no task has an output."""
         if not self._goals:
             return None, None
+        # A zero would look like a goal in the record: outputs without a task have none.
         found = np.full(self._sizes[0], np.nan), np.full(self._sizes[1], np.nan)
         for reference, own, where, place in self._goals:
             found[place][where] = reference.at(t).position[own]

@@ -62,6 +62,7 @@ class ControlSample:
         self, reduced: ReducedModel, time: float, q: Array, v2: Array, dt: float, start: StateEvaluation | None = None
     ) -> None:
         self._reduced, self.time, self.dt = reduced, time + dt, dt
+        # Both ends in one call of the kernel: a program reads little else of the model.
         known = reduced.evaluator.sample(q, v2, dt) if start is None and dt else None
         self.start, end = known or (start or reduced.at(q, v2, t=time), None)
         self._end: StateEvaluation | None = end if dt else self.start
@@ -206,7 +207,9 @@ class PlannedBraking:
         rows = jacobian.dot(state.R)
         effects, adverse = (rows.dot(each) for each in state.input_accelerations)
         planned = np.abs(effects).dot(self._efforts)
+        # Where the load takes all that is planned, a joint would never be allowed to move: a part remains.
         found = np.maximum(planned - (np.abs(adverse) if both else np.maximum(-adverse, 0.0)), _LEAST * planned)
+        # No actuator stops these rows, so none can be too weak for them.
         found[planned <= _NO_EFFECT] = np.inf
         if len(self._unlimited):
             found[(np.abs(effects[:, self._unlimited]) > _NO_EFFECT).any(axis=1)] = np.inf
@@ -258,5 +261,6 @@ class _BoundSpeed(BoundLimit):
         return LimitRows(jacobian, np.full(_SIDES, -np.inf), np.full(_SIDES, _INSIDE * self._limit))
 
     def exceeded_by(self, state: StateEvaluation, time: float, mean: Array | None = None) -> Array:
+        # The circle itself: its polygon is stricter, and a state inside the circle exceeds nothing.
         speed = float(np.linalg.norm(state.position.jacobian(self._frame)[:2] @ state.v))
         return np.full(_SIDES, speed - self._limit)

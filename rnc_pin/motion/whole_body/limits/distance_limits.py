@@ -196,6 +196,7 @@ class BoundCollisionAvoidance(BoundLimit):
         self._deceleration, self._braking = limit.deceleration, PlannedBraking(reduced)
         self.clearances = np.full(len(labels), limit.clearance)
         links = len(robot.collision_model.geometryObjects) if robot.collision_model is not None else 0
+        # Only pairs of links are near by design: an obstacle keeps the whole clearance.
         at_start = self.distances.at(q0, within=limit.clearance / _SHARE)
         for k, distance in zip(at_start.pairs.tolist(), at_start.distance.tolist(), strict=True):
             if self.distances.pairs[k].second < links:
@@ -212,6 +213,7 @@ class BoundCollisionAvoidance(BoundLimit):
         rows = self._rows_of(near, sample)
         if not touching.any():
             return rows
+        # Nearest points of parallel faces jump: edges keep the whole face away.
         parts = [getattr(near, each.name)[touching] for each in fields(near)]
         edges = self.distances.edges(PairDistances(*parts), sample.time)
         further = self._rows_of(edges, sample)
@@ -225,6 +227,7 @@ class BoundCollisionAvoidance(BoundLimit):
 
     def _rows_of(self, near: PairDistances, sample: ControlSample) -> LimitRows:
         room = near.distance - self.clearances[near.pairs]
+        # A velocity damper alone would ask for more than the actuators give.
         given = self._deceleration
         planned = np.full(len(room), given) if given else self._braking.decelerations(near.jacobian, sample.start)
         lower = -approach_speed(room, self._rate, planned) - near.drift
@@ -234,6 +237,7 @@ class BoundCollisionAvoidance(BoundLimit):
         return None
 
     def exceeded_by(self, state: StateEvaluation, time: float, mean: np.ndarray | None = None) -> np.ndarray:
+        # Pairs beyond the largest clearance exceed nothing: they need no distance.
         near, found = self.distances.at(state, time, self._nearest), np.zeros(len(self.names))
         found[near.pairs] = self.clearances[near.pairs] - near.distance
         return found
@@ -251,6 +255,7 @@ def approach_speed(
         rate: rate of the damper [1/s].
         deceleration: largest deceleration a [m/s^2]; infinite for the damper alone.
     """
+    # A difference of infinite numbers is none: without a deceleration, the damper alone decides.
     bounded = np.where(np.isfinite(deceleration), deceleration, 0.0)
     braking = np.sqrt(np.maximum(2.0 * bounded * room - (bounded / rate) ** 2, 0.0))
     return np.asarray(np.where(rate**2 * room <= deceleration, rate * room, braking))

@@ -97,6 +97,7 @@ class _BoundVelocities(BoundLimit):
 
     def __init__(self, limit: JointVelocityLimit, reduced: ReducedModel) -> None:
         indices, largest = limited_velocities(reduced.robot, limit.joints, limit.limit)
+        # R changes within a sample: the margin covers the difference.
         used = (1.0 - limit.margin) * largest
         names = reduced.robot.velocity_names
         self.names = tuple(f"{names[index]} velocity" for index in indices)
@@ -109,6 +110,7 @@ class _BoundVelocities(BoundLimit):
 
     def exceeded_by(self, state: StateEvaluation, time: float, mean: Array | None = None) -> Array:
         fastest = np.abs(state.v[self._indices])
+        # The mean over the sample exceeds both ends if the velocity is largest between them.
         if mean is not None:
             fastest = np.maximum(fastest, np.abs(mean[self._indices]))
         return fastest - self._largest
@@ -165,6 +167,7 @@ class _BoundPositions(BoundLimit):
         self.names = tuple(f"{names[index]} position" for index in found.v)
         self.jacobian = selection_rows(found.v, reduced.n)
         fastest = known_velocity_limits(reduced.robot.model)[found.v]
+        # A joint without a velocity limit has no speed to stop from: its range is the scale.
         by_range = (found.upper - found.lower) / _CROSSING_TIME**2
         own = np.where(np.isfinite(fastest), fastest / _STOPPING_TIME, by_range)
         deceleration = own if limit.deceleration is None else np.full(len(own), limit.deceleration)
@@ -178,11 +181,13 @@ class _BoundPositions(BoundLimit):
         start, deceleration = sample.start, self._deceleration
         if self._braking is not None:
             bounds, table = np.empty((2, len(self.names))), (self._places, self._inside, deceleration)
+            # The whole bound in one call: of seven joints, each product costs more than its arithmetic.
             forces = start.E_inverse, *start.input_accelerations, self._braking.efforts
             if _kernel.library.stopping(*forces, start.q, start.v, *table, sample.dt, bounds):
                 return LimitRows(self.jacobian, bounds[0], bounds[1])
             planned = self._braking.decelerations(self.jacobian, start, both=True)
             deceleration = np.minimum(deceleration, planned[self._twice])
+        # The half of this sample that v at its start covers, whatever the program decides.
         ahead = (start.q[self._q] + 0.5 * sample.dt * start.v[self._v])[self._twice]
         return self._up_to(velocity_to_stop(self._inside - self._sides * ahead, deceleration, sample.dt))
 
@@ -193,6 +198,7 @@ class _BoundPositions(BoundLimit):
 
     def braking_rows(self, sample: ControlSample) -> LimitRows:
         q, v = sample.start.q[self._q][self._twice], sample.start.v[self._v][self._twice]
+        # Held inputs change v linearly: the mean of both ends covers the room that is left.
         room = np.maximum(self._inside - self._sides * q, 0.0)
         return self._up_to(np.maximum(2.0 * room / sample.dt - self._sides * v, 0.0))
 
@@ -290,6 +296,7 @@ class _BoundAccelerations(BoundLimit):
 
     def rows(self, sample: ControlSample) -> LimitRows:
         change = self._largest * sample.dt
+        # The reducing outputs have rows of their own at each configuration.
         if self.jacobian is None:
             return LimitRows(sample.end.J2, sample.start.v2 - change, sample.start.v2 + change)
         v = sample.start.v[self._indices]
