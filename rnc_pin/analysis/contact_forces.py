@@ -230,9 +230,9 @@ def dependent_groups(linked: Bool[Array, "m m"]) -> list[list[int]]:
     Args:
         linked: True for pairs of contacts that a common choice changes.
     """
-    _, group = scipy.sparse.csgraph.connected_components(linked)
-    chosen = dict.fromkeys(group[linked.diagonal()].tolist())
-    return [np.flatnonzero(group == each).tolist() for each in chosen]
+    chosen = np.flatnonzero(linked.diagonal())
+    _, group = scipy.sparse.csgraph.connected_components(linked[np.ix_(chosen, chosen)])
+    return [chosen[group == each].tolist() for each in dict.fromkeys(group.tolist())]
 
 
 class Grip(SummaryMixin):
