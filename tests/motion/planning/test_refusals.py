@@ -108,7 +108,7 @@ test_mistakes_are_refused_in_one_line = refused([
     (lambda: WaySettings(seconds=0.0), WRONG, "seconds of WaySettings has to be above 0"),
     (lambda: WaySettings(goals=0), WRONG, "goals of WaySettings has to be an integer, at least 1, found 0"),
     (lambda: WaySettings(motions=10.5), WRONG, "motions of WaySettings has to be an integer, at least 1, found 10.5"),
-    (lambda: WaySettings(motions=0), WRONG, "motions of WaySettings has to be at least 1, found 0"),
+    (lambda: WaySettings(motions=0), WRONG, "motions of WaySettings has to be an integer, at least 1, found 0"),
     (lambda: way(knife_box(), clearance=-0.1), INPUT, "clearance: expected a number of at least 0"),
     (lambda: way(knife_box(), settings=WaySettings(area=[[0, 0], [1, 1]])), INPUT, "area"),
     (lambda: way(knife_box(), obstacles=[CART]), WRONG, r"obstacle 'cart' moves, .* \(obstacle.at_rest\(t\)\)"),
