@@ -98,6 +98,7 @@ class RncError(Exception):
         try:
             yield
         except cls as error:
+            # Without the cause: a reader needs the place, and not two tracebacks.
             raise error.within(place) from None
 
     def _words(self) -> str:
@@ -310,6 +311,7 @@ def printable(text: str, longest: int = _LONGEST_LINE) -> str:
     if len(text) > longest:
         text = f"{text[: longest // 2]} ... {text[-longest // 2 :]}"
     line = " ".join(text.split())
+    # Control characters of a file could rewrite the terminal.
     if line.isprintable():
         return line
     return "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in line)
@@ -321,12 +323,14 @@ def closest(name: str, valid: Iterable[str], spelling: bool = True) -> str | Non
     A short word is often a remembered part of the name: ``wheel`` for ``wheel_left_joint``. So names that begin with it
     come first. With ``spelling``, names of similar spelling come next, then names that contain it, then the others.
     """
+    # Names of a file may be long and many: the comparison would take minutes.
     choices = list(itertools.islice((each for each in valid if len(each) <= _LONGEST_NAME), _MOST_NAMES))
     if len(name) > _LONGEST_NAME:
         return None
     beginning = [choice for choice in choices if len(name) > 2 and choice.startswith(name)]
     part = [choice for choice in choices if len(name) > 2 and name in choice]
     alike = choices if spelling else []
+    # 0.8 is a typing error of one or two letters; 0.5 is a similar word, which comes after parts of names.
     for some, cutoff in ((beginning, 0.0), (alike, 0.8), (part, 0.0), (alike, 0.5)):
         close = difflib.get_close_matches(name, some, n=1, cutoff=cutoff)
         if close:
@@ -419,12 +423,14 @@ def check_extra(extra: str, purpose: str) -> None:
     Raises:
         ConfigurationError: the package is not installed.
     """
+    # Not imported: some of them take seconds, and may never be needed.
     if find_spec(_PACKAGES[extra].module) is None:
         raise ConfigurationError(f"{purpose}: {missing_extra(extra)}")
 
 
 def warn(text: str) -> None:
     """Give a ``ModelWarning`` at the line outside this package that led here."""
+    # A warning about a model is read at the line of the user, however deep it arises here.
     frame, level = sys._getframe(1), 2
     while frame.f_back is not None and str(frame.f_globals.get("__name__")).startswith("rnc_pin."):
         frame, level = frame.f_back, level + 1
@@ -453,5 +459,6 @@ def check_classes(
             kinds = tuple(kind for word in words if isinstance(kind := known.get(word), type))
             own = any(kind.__module__.startswith("rnc_pin.") for kind in kinds) and len(kinds) == len(words)
             if own and not isinstance(value, (*kinds, tuple)):  # a tuple of *arguments
+                # None is a way to omit an argument, and no class that a user would pass.
                 expected = " or ".join(word for word in words if word != "None")
                 raise ConfigurationError(f"{title}: {name}: expected {expected}, found {short_text(value)}")

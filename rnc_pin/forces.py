@@ -122,6 +122,7 @@ class _OutputForce(PassiveForce):
         self.name = f"{word}({', '.join(rows.names)})"
         self.generalized = rows.generalized
         self.conservative = "stiffness" in given
+        # A stretch needs a value, and of three angles in turn the force would not be the gradient of its square.
         if self.conservative and (rows.quasi or rows.rotation):
             what = "a quasi-velocity, which has no value" if rows.quasi else "an orientation"
             raise ConstraintError(f"{self.name}: the output is {what}: use an angle, a position or a distance")
@@ -135,16 +136,19 @@ class _OutputForce(PassiveForce):
 
     def _law(self, y: np.ndarray, rate: np.ndarray) -> np.ndarray:
         """Forces u (..., k) for values and rates (..., k)."""
+        # Angles are compared modulo a turn: a spring on a wheel pulls the shorter way.
         spring = self._stiffness * self._coordinates.difference(self._rest, y)
         return spring - self._damping * rate - self._limit * np.tanh(rate / self._speed)
 
     def force(self, at: VelocityKinematics) -> np.ndarray:
+        # Virtual work: the force conjugate to y acts on v as J^T u.
         J = self._rows.jacobian(at)
         return apply_transposed(J, self._law(self._rows.value(at), apply(J, at.v)))
 
     def gradient(self, at: VelocityKinematics, along: VelocityKinematics) -> ForceGradient:
         J, J_q = self._rows.jacobian(at), self._rows.jacobian_dot(along)  # (nv, k, nv); first index: the direction
         y, rate = self._rows.value(at), J @ at.v
+        # Slope of limit tanh(rate / speed), largest at rest.
         friction = self._limit / self._speed * (1.0 - np.square(np.tanh(rate / self._speed)))
         # Derivatives of u by the rate and by y; J_q @ v is the change of the rate with the configuration.
         by_rate = -np.diag(self._damping + friction)
@@ -154,6 +158,7 @@ class _OutputForce(PassiveForce):
 
     def kernel_forces(self) -> list[tuple[KernelRow, KernelForce]] | None:
         rows = self._rows.kernel_rows(self._model)
+        # Momenta and steering linkages are rows of constraints only: the kernel has no forces along them.
         if rows is None or any(row.form not in FORMS_OF_FORCES for row in rows):
             return None
         # Only a spring compares values; a damper on a wrapped angle needs no turns.
@@ -168,6 +173,7 @@ class _OutputForce(PassiveForce):
     def potential(self, at: PositionKinematics) -> np.ndarray:
         if not self.conservative:
             return super().potential(at)
+        # The same wrapped stretch as in the force, or energy would jump where the force does not.
         stretch = self._coordinates.difference(self._rest, self._rows.value(at))
         return 0.5 * (self._stiffness * np.square(stretch)).sum(axis=-1)
 
@@ -206,6 +212,7 @@ class _Wrench(PassiveForce):
         self.name = f"wrench({kind.frame})"
         self._frame = robot.frame_id(kind.frame)
         parts = [np.asarray(each, dtype=float) for each in (kind.force, kind.torque)]
+        # A force of NaN would end a run far from here, as a divergence of the motion.
         if any(each.shape != (3,) or not np.isfinite(each).all() for each in parts):
             raise InputError(f"{self.name}: expected three finite components of force and of torque")
         if kind.axes not in ("world", "own"):
@@ -224,6 +231,7 @@ class _Wrench(PassiveForce):
         return [(row, KernelForce(constant=1.0))]
 
     def gradient(self, at: VelocityKinematics, along: VelocityKinematics) -> ForceGradient:
+        # Rates along unit velocities are the partial derivatives of J: the wrench is constant, J^T w turns.
         turned = np.einsum("jka,k->aj", along.jacobian_dot(self._frame, self._axes), self._wrench)
         return ForceGradient(turned, np.zeros_like(turned), 0.0)
 
@@ -271,6 +279,7 @@ class _ForceFunction(PassiveForce):
         return over_states(self._one, (self._nv,), at.q, at.v)
 
     def gradient(self, at: VelocityKinematics, along: VelocityKinematics) -> ForceGradient:
+        # A function of the user has no closed form: differences, with an estimate of their error.
         by_q, one = gradient_with_error(self._model, lambda p: self._one(p, at.v), at.q)
         by_v, other = vector_gradient_with_error(lambda w: self._one(at.q, w), at.v)
         return ForceGradient(by_q, by_v, max(one, other))

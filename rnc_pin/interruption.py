@@ -27,6 +27,7 @@ def termination_handler(handler: Handler, instead_of: Handler | signal.Handlers)
         instead_of: expected current handler. Signals with another handler do not change, nor do threads other than
             the main one.
     """
+    # Only the handlers that are expected: a program that set its own keeps them, and threads may set none.
     replaced = [number for number in _SIGNALS if _in_main_thread() and signal.getsignal(number) is instead_of]
     for number in replaced:
         signal.signal(number, handler)
@@ -64,6 +65,7 @@ def nothing_to_keep() -> Iterator[None]:
 
 
 def _end(number: int, frame: FrameType | None) -> None:
+    # Not print: a handler may run while the buffer of the stream is locked.
     os.write(2, f"{_WORDS}\n".encode())
     os._exit(1)  # as sys.exit with words
 
@@ -120,6 +122,7 @@ class _Deferral:
             self.raise_pending()
 
     def _raise(self) -> None:
+        # Once only: handlers that clean up after the first one are not interrupted again.
         self._accepting, self._raised = False, True
         raise KeyboardInterrupt
 
@@ -138,8 +141,10 @@ def uninterrupted() -> Iterator[None]:
         KeyboardInterrupt: at the end, if an interruption came and was not raised inside.
     """
     global _deferral
+    # Python delivers signals to the main thread alone.
     if not _in_main_thread():
         yield
+    # One handler for all: a section inside another defers to the end of the outer one.
     elif _deferral is not None:
         with _deferral.section(accepting=False):
             yield
@@ -150,6 +155,7 @@ def uninterrupted() -> Iterator[None]:
                 yield
         finally:
             _deferral = None
+        # After the handlers are back, so that a second Ctrl-C during this one is an ordinary one.
         deferral.raise_pending()
 
 

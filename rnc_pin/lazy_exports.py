@@ -36,6 +36,7 @@ def lazy_exports(package: str) -> tuple[Callable[[str], object], Callable[[], li
     module = sys.modules[package]
     exports = listed_exports(Path(str(module.__file__)).with_suffix(".pyi"), package)
     names = sorted(exports)
+    # A function in a module of its own name: importing the module must not replace the function.
     hidden = {name for name, (origin, _) in exports.items() if origin == f"{package}.{name}"}
     if hidden:
         module.__dict__["_hidden_modules"] = hidden
@@ -47,6 +48,7 @@ def lazy_exports(package: str) -> tuple[Callable[[str], object], Callable[[], li
         origin, attribute = exports[name]
         if origin == package:  # from . import subpackage
             return import_module(f"{package}.{attribute}")
+        # Kept in the package: the next use finds it without a call.
         value = module.__dict__[name] = _explained(import_module(origin), attribute, name)
         return value
 
@@ -59,6 +61,7 @@ def listed_exports(stub: Path, package: str) -> dict[str, tuple[str, str]]:
     for node in ast.parse(stub.read_text(encoding="utf-8")).body:
         if isinstance(node, ast.ImportFrom):
             origin = resolve_name("." * node.level + (node.module or ""), package)
+            # Names of a lazy package come from its own stub, so that nothing else is imported.
             if node.names[0].name == "*":
                 names = import_module(origin).__all__
                 found |= {name: (origin, name) for name in names}

@@ -62,6 +62,7 @@ class FramePosition:
 
 def _chosen_axes(axes: str, whose: str) -> list[int]:
     """Indices of world axes, each named once."""
+    # In the order of the user: "yx" gives y before x, as the names of the rows say.
     chosen = [axis_index(axis) for axis in axes]
     if not chosen or len(set(chosen)) != len(chosen):
         raise ConfigurationError(f"axes '{axes}' of {whose}: name each of x, y, z at most once")
@@ -220,6 +221,7 @@ class FrameYaw:
     axis: Axis = "x"
 
     def bind(self, robot: Robot) -> OutputRows:
+        # The x axis is meant if none is named: only other axes need a letter.
         name = f"{self.frame}_yaw" + ("" if self.axis == "x" else f"_{self.axis}")
         return _YawRow(robot, self.frame, self.axis, name)
 
@@ -234,6 +236,7 @@ class _YawRow(_DirectionAngleRow):
 
     def value(self, at: PositionKinematics) -> np.ndarray:
         x, y, _ = np.moveaxis(self._direction(at), -1, 0)
+        # The two-argument form tells all four quadrants, so the angle covers a full turn.
         return np.arctan2(y, x)[..., None]
 
 
@@ -273,6 +276,7 @@ class _TiltRow(_DirectionAngleRow):
 
     def value(self, at: PositionKinematics) -> np.ndarray:
         x, y, z = np.moveaxis(self._direction(at), -1, 0)
+        # Not arcsin(z): near a vertical axis it would lose half of the digits, and rounding of z above one gives NaN.
         return np.arctan2(z, np.hypot(x, y))[..., None]
 
 
@@ -402,6 +406,7 @@ class _DistanceRow(OutputRows):
     def _force(self, at: PositionKinematics) -> np.ndarray:
         vector = components(self._vector(at))
         length = dot(vector, vector) ** 0.5
+        # A unit vector from one origin to the other has no direction there.
         check_defined("a distance has no rate where it is zero", at.q, length, TOGETHER, self.names)
         return evaluated(distance_force, [vector])
 
@@ -423,6 +428,7 @@ class _DistanceRow(OutputRows):
 
     def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
         a, b = at.frame_gradients(self._a), at.frame_gradients(self._b)
+        # Both motions have exact derivatives by Pinocchio; the formula that joins them is analytic.
         return complex_step(
             _bias,
             (self._vector(at), (at.jacobian(self._b) - at.jacobian(self._a))[:3]),
@@ -465,6 +471,7 @@ class JointPosition:
 
 class _JointRow(ConstantRows, OutputRows):
     def __init__(self, kind: JointPosition, robot: Robot) -> None:
+        # With several degrees of freedom there is no one number whose rate is an entry of v.
         joint = robot.single_joint(kind.joint, "use outputs of a frame (FramePosition, FrameYaw, FrameSpeed) for it")
         self.names, self.units, self.angular = (kind.joint,), (joint.unit,), (joint.continuous,)
         self._joint = joint
@@ -508,6 +515,7 @@ class _CenterOfMassRows(OutputRows):
         self.units, self.angular = ("m/s",) * len(chosen), (False,) * len(chosen)
 
     def value(self, at: PositionKinematics) -> np.ndarray:
+        # Value and Jacobian are side by side in one quantity: the value is column 0.
         return at.center_of_mass[..., self._chosen, 0]
 
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
@@ -563,6 +571,7 @@ class _CustomRows(OutputRows):
 
     def __init__(self, kind: Output, robot: Robot) -> None:
         size = len(kind.names)
+        # A string is a sequence too: "ab" would silently name two rows a and b.
         if isinstance(kind.names, str) or size == 0:
             raise ConstraintError(f"names of a user-defined output have to be a list of strings, found {kind.names!r}")
         self.names = tuple(kind.names)
@@ -580,6 +589,7 @@ class _CustomRows(OutputRows):
             along = partial(_product, self._jacobian)
             check_rate(robot, self._value, along, ("value(q)", f"jacobian(q) v{whose}"), self.names, kind.angular)
         labels = "jacobian(q)", f"jacobian_dot(q, v){whose}"
+        # A rate that is wrong by a sign leaves the Jacobian right: only differences at moving states show it.
         if kind.jacobian_dot is not None:
             check_rate(robot, self._jacobian, kind.jacobian_dot, labels, self.names)
         rate = kind.jacobian_dot or DerivedRate(robot, self._jacobian, labels[0] + whose)
@@ -595,6 +605,7 @@ class _CustomRows(OutputRows):
         return over_states(self._jacobian_dot, self._shape, at.q, at.v)
 
     def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
+        # An output has no right-hand side: its acceleration at zero vdot is Jdot v.
         return apply(self.jacobian_dot(at), at.v)
 
 
@@ -616,12 +627,14 @@ def velocity_outputs(robot: Robot) -> dict[str, OutputKind | None]:
     axes: tuple[Axis, ...] = ("x", "y", "z")
     found: dict[str, OutputKind | None] = {}
     for k, name in enumerate(robot.joint_names, start=1):
+        # The body that the joint moves: its speeds are the entries of v, in its own axes.
         joint, body = robot.model.joints[k], next(iter(robot.links_of(k)), None)
         kinds: list[OutputKind] = [JointPosition(name)] if joint.nv == 1 else []
         if joint.nv > 1 and body is not None and name not in joints_with_moving_axes(robot.model):
             # Columns of S are unit motions: their largest entry names the axis, 0 to 2 linear and 3 to 5 angular.
             along = np.abs(joint.createData().S).argmax(axis=0).tolist()
             kinds = [FrameSpeed(body, axes[k]) if k < 3 else FrameAngularVelocity(body, axes[k - 3]) for k in along]
+        # None marks entries that no output describes, so that a caller can say so.
         own = {kind.bind(robot).names[0]: kind for kind in kinds}
         found |= own or dict.fromkeys(robot.velocity_names[robot.velocity_indices(name)])
     return found

@@ -104,6 +104,7 @@ def printed(**units: str) -> Callable[[type[Record]], type[Record]]:
             "__str__": SummaryMixin.__str__,
             "_repr_pretty_": SummaryMixin._repr_pretty_,
         }
+        # Set here and not inherited: a named tuple has one base only.
         for name, method in methods.items():
             if name != "__str__" or name not in vars(kind):
                 setattr(kind, name, method)
@@ -123,6 +124,7 @@ def record_summary(record: object, units: Mapping[str, str]) -> ObjectSummary:
     for name, value in _fields(record):
         usual = _UNITS.get(name) if isinstance(value, Number | np.ndarray) else None
         unit = units.get(name, usual)
+        # An absent field is no news: a summary has what there is.
         if value is not None:
             lines.append((f"{name} [{unit}]" if unit else name, described(value)))
     return ObjectSummary(type(record).__name__, lines)
@@ -141,6 +143,7 @@ def described(value: object) -> Sequence[Item]:
 
 def shortened(line: str, width: int = WIDTH) -> str:
     """Return a text as one line of at most ``width`` characters."""
+    # An item is one line: text of a user may have several.
     line = " ".join(line.split()) if "\n" in line else line
     return line if len(line) <= width else line[: width - 4] + " ..."
 
@@ -177,6 +180,7 @@ def _listed(listed: Sequence[Item], width: int) -> str:
         text = (", ".join(shown) or "none") + more
         if len(text) <= width or len(shown) < 2:
             return shortened(text, width)
+        # One item fewer until the line fits: an item cut in the middle would be misread.
         shown.pop()
 
 
@@ -187,6 +191,7 @@ def _call(kind: type, settings: Mapping[str, object]) -> str:
 
 def _value(value: object) -> str:
     """Value in one line, as a part of another one."""
+    # Objects with settings show them, as a call that makes them again.
     if isinstance(value, ReprMixin):
         return repr(value)
     if isinstance(value, str | Enum | Number | np.generic):
@@ -247,9 +252,11 @@ def _fields(record: object) -> Sequence[tuple[str, object]]:
 
 def _numbers(array: np.ndarray) -> Sequence[str]:
     """Numbers of a short list; of another array its shape and range."""
+    # A few numbers are read one by one; of more, a range tells whether they are sensible.
     if array.ndim <= 1 and array.size <= _MOST and array.dtype != object:
         return [_line_of(each) for each in np.atleast_1d(array)]
     shape = f"{len(array)} values" if array.ndim == 1 else " x ".join(map(str, array.shape))
+    # A single NaN would make the range NaN, although it tells the rest.
     finite = array[np.isfinite(array)] if array.dtype.kind in "fiu" else np.empty(0)
     if not finite.size:
         return [shape]

@@ -165,6 +165,7 @@ class Verdict(SummaryMixin):
         Raises:
             ConfigurationError: there is no such kind.
         """
+        # The first line of a print is the one that decides: findings that fail come first.
         order = list(Severity)
         ordered = sorted(findings, key=lambda each: order.index(each.severity))
         return cls(tuple(ordered), frozenset(finding_kind(each) for each in accepted))
@@ -189,6 +190,7 @@ class Verdict(SummaryMixin):
     @property
     def first(self) -> Finding | None:
         """The finding that decides: the first that fails; else the first that degrades; None without both."""
+        # A failure that the user accepted still degrades, and is told if nothing else is.
         found = [*self.failures, *(each for each in self.findings if each.severity is not Severity.NOTE)]
         return found[0] if found else None
 
@@ -220,6 +222,7 @@ class Verdict(SummaryMixin):
 
 def weight_of(kind: str, severity: str, accepted: Collection[str]) -> str:
     """Severity of a finding in words: "accepted" in place of "fails" if its kind is accepted."""
+    # Severities stay as they were judged: a record read later shows what was accepted.
     return "accepted" if severity == Severity.FAILS and kind in accepted else str(severity)
 
 

@@ -25,6 +25,7 @@ class _NumPyAlone:
     """Library without a compiled kernel: each function declines, and the caller evaluates its formula by NumPy."""
 
     def __getattr__(self, name: str) -> Callable[..., None]:
+        # Not False: None is what calls return that give an array, and both mean no.
         return lambda *arguments: None
 
 
@@ -37,6 +38,7 @@ def _load() -> tuple[object, str]:
         compiled = import_module("rnc_pin._kernel.compiled")
     except ImportError:
         return NUMPY_ALONE, ""
+    # A library from an earlier build would read arguments in another order, without an error.
     if compiled.INTERFACE == INTERFACE:
         return compiled, ""
     return NUMPY_ALONE, f"compiled kernel is of interface {compiled.INTERFACE}, {INTERFACE} expected"
@@ -49,9 +51,11 @@ def _chosen() -> tuple[object, str]:
     if asked == "numpy":
         return NUMPY_ALONE, ""
     found, reason = _load()
+    # Who asks for it measures time: a silent fallback would be taken for the kernel.
     if asked == "c" and found is NUMPY_ALONE:
         why = f"the {reason}: {_REINSTALL}" if reason else _NONE
         raise ConfigurationError(f"{_VARIABLE} is 'c', but {why}")
+    # Without its library a run takes about ten times as long: said once, at import.
     if reason:
         warnings.warn(f"rnc_pin: {reason}; using NumPy; {_REINSTALL}", ModelWarning, stacklevel=2)
     return found, reason

@@ -131,6 +131,7 @@ def attached(model: pin.Model, frame: int, offset: pin.SE3 | None = None) -> Att
         frame: index of the frame in the model.
         offset: placement on the frame; None for the frame itself.
     """
+    # The kernel places joints alone: a frame is a joint with a constant offset.
     found = model.frames[frame]
     placement = found.placement if offset is None else found.placement * offset
     return AttachedFrame(found.parentJoint, pin.SE3(placement))
@@ -147,6 +148,7 @@ def wrench_rows(
         numbers: numbers of each row.
         twist: twist (6,) of the material of the ground about the world's origin, None at rest.
     """
+    # Ground at rest has no entries for a twist, and its right-hand side is zero.
     if twist is None:
         return [KernelRow(form, (frame,), (), each) for each in numbers]
     if form == Form.WORLD and not twist[3:].any():  # the material has the same velocity everywhere

@@ -275,6 +275,7 @@ class _AckermannRow(Rows):
         size = at.M.shape[-1]
         row: list[Component] = [0.0] * size
         for pivot, entry in zip(self._pivots, (l_entry, r_entry), strict=True):
+            # An axis that points down counts angles to the right.
             row[pivot.joint.idx_v] = pivot.sign * entry
         return packed([row], l_entry)
 

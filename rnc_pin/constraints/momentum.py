@@ -69,8 +69,10 @@ class MomentumConservation:
         units = _units(robot.model.joints[joint])
         kind = robot.model.joints[joint].shortname()
         along = _VELOCITY_AXES.get(kind, [])
+        # A momentum of zero is zero in all axes: those of the body need no transformation.
         if not np.any(self.momentum):
             return _MomentumRows(self.joint, rows, units, along)
+        # A copy: the rows keep it, and the caller may go on with his array.
         value = np.atleast_1d(np.array(self.momentum, dtype=float))
         size = rows.stop - rows.start
         if value.shape != (size,) or not np.isfinite(value).all():
@@ -194,6 +196,7 @@ class _WorldMomentumRows(_MomentumRows):
         return self._to_world(at) @ gradient
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
+        # The kernel finds the axes again from these bits, and its formula from their being set.
         bits, numbers = sum(1 << each for each in self._along), placement_numbers(self._fixed)
         rows = super().kernel_rows(model)
         return [
@@ -212,6 +215,7 @@ def _check_symmetry(robot: Robot, joint: str, rows: slice) -> None:
     for _ in range(samples):
         q = robot.random_configuration(generator)
         shift = np.zeros(robot.nv)
+        # A step of order one: a smooth dependence shows far above rounding.
         shift[rows] = generator.uniform(-1.0, 1.0, rows.stop - rows.start)
         # A cyclic coordinate: the inertia matrix does not change when the joint alone moves.
         moved = pin.integrate(robot.model, q, shift)

@@ -50,6 +50,7 @@ class FixedOutput:
 
     def bind(self, robot: Robot) -> Rows:
         rows = self.output.bind(robot)
+        # A copy: later changes of the caller's array must not move the weld.
         names, value = ", ".join(rows.names), np.array(self.value, dtype=float, ndmin=1)
         if value.shape != (len(rows.names),) or not np.isfinite(value).all():
             raise ConstraintError(f"fixed output {names}: expected {len(rows.names)} numbers, found {self.value!r}")
@@ -164,6 +165,7 @@ class PrescribedMotion:
             )
         if not np.isfinite(self.start_time):
             raise ConstraintError(f"start_time of a prescribed motion: expected a number, found {self.start_time!r}")
+        # At once: in a run a wrong rate would only show as drift, which the projection removes.
         _check_rates(self.motion, self.start_time, rows.names)
         return _PrescribedRows(rows, self.motion, self.start_time)
 
@@ -228,6 +230,7 @@ class _PrescribedRows(FixedRows):
         """Derivative (..., k) of the motion of an order from zero to two; angular ones for rotations."""
         batch = at.q.shape[:-1]
         times: Component = at.t
+        # One time for all states, as in a sampled run: the motion is called once.
         if np.ndim(times) == 0:
             return np.broadcast_to(self._at(float(times))[order], (*batch, len(self.names)))
         return np.array([self._at(t)[order] for t in np.ravel(times).tolist()]).reshape(*batch, -1)

@@ -106,6 +106,7 @@ class WheeledBase:
 
     def __init__(self, reduced: ReducedModel, frame: str, length: float | None = None) -> None:
         robot = reduced.robot
+        # Velocities are linear in the twist only if the constraints prescribe none.
         if reduced.affine:
             raise ConfigurationError("the twist of a base assumes A v = 0, and these constraints are affine (A v = mu)")
         self.reduced, self.frame, self.base = reduced, frame, _base_entries(robot, frame)

@@ -79,8 +79,10 @@ class RollingWheel:
                 f"roller of wheel '{self.frame}' has to point less than pi/2 = 1.5708 rad away from the wheel's "
                 f"heading, found {self.roller} rad (0 for an omni wheel, 0.7854 or -0.7854 for a Mecanum wheel)"
             )
+        # A roller already says which direction slips.
         if self.roller is not None and not self.lateral:
             raise ConfigurationError(f"wheel '{self.frame}' has both roller and lateral=False: omit one of them")
+        # Files draw axles along y or z: the axis of the joint is the one about which the wheel turns.
         axle = _joint_axis(self.frame, robot) if self.axis is None else frame_direction(self.axis)
         if self.ground is not None and not isinstance(self.ground, GroundPlane):
             ground = admit_ground(self.ground, f"wheel '{self.frame}'")

@@ -149,6 +149,7 @@ class Assembly:
         if not self._places:
             return q, np.zeros(0), True
         free = np.ones(self.robot.nv, dtype=bool)
+        # Joints that are held have no columns in the step: the others alone close the loop.
         for joint in hold:
             free[self.robot.velocity_indices(joint)] = False
         found, residual = self._descended(q, free, self._leading, by_inertia, t, steps)

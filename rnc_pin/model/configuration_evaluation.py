@@ -124,6 +124,7 @@ class ConfigurationEvaluation(SummaryMixin):
     if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> None:
+            # A quantity of a subclass exists, but not here: the remedy is a velocity, and not another name.
             if name in ConfigurationEvaluation._of_velocity:
                 raise InputError(f"'{name}' needs a velocity: use at(q, v2), or at(q, v=v) with a measured velocity")
             raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")

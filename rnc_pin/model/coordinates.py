@@ -135,6 +135,7 @@ class Coordinates:
             velocity: their first derivatives (k,) [rad/s or m/s].
             acceleration: their second derivatives (k,) [rad/s^2 or m/s^2].
         """
+        # At rest the angular velocity is zero at any rotation.
         if not self._triples or not (velocity.any() or acceleration.any()):
             return velocity, acceleration
         velocity, acceleration = np.array(velocity), np.array(acceleration)

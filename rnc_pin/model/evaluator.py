@@ -134,6 +134,7 @@ class Evaluator:
             t: times (...) of rheonomic constraints [s]; others ignore them.
         """
         found = self.at(q, v2, None, t)
+        # None for v2 would otherwise give an evaluation without a velocity, whose quantities fail one by one.
         if not isinstance(found, StateEvaluation):
             raise InputError("v2 is missing: expected the reduced velocity")
         return found
@@ -296,6 +297,7 @@ class Evaluator:
             v2: reduced velocities (..., r) [rad/s or m/s].
         """
         kernel = self.kernel
+        # Joints that were added to the model since do not fit the arrays of the kernel.
         self.data.robot.check_unchanged()
         numbers = None if kernel is None or not type(q) is type(v2) is Array else kernel.calls.terms(q, v2)
         if kernel is None or numbers is None:

@@ -198,6 +198,7 @@ class KnownKinematics(PositionKinematics):
         return self._frame(frame)[0]
 
     def jacobian(self, frame: int, axes: object = WORLD_AXES, rows: Components = ALL) -> Array:
+        # The record has Jacobians along the axes of the world only.
         if axes != WORLD_AXES:
             return super().jacobian(frame, axes, rows)
         found = self._frame(frame)[1]
@@ -258,6 +259,7 @@ class CompiledArraysAtQ(ArraysAtQ):
 
     def position_of(self, data: ReductionData, at: Configurations) -> PositionKinematics:
         """Kinematics at the configurations; of one configuration without another visit of Pinocchio."""
+        # Of many configurations Pinocchio's loop stores all quantities at once.
         if self.batch:
             return super().position_of(data, at)
         return KnownKinematics(data.kinematics, self.q, data.kinematics.time_of(at.t), self.kinematics)

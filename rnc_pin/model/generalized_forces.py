@@ -185,6 +185,7 @@ class Actuation:
                     f"actuator {actuator!r} has the wrong type: expected a joint's name, FrameForce, "
                     "FrameTorque or OpenDifferential"
                 )
+        # Inputs are found by name in messages, limits and records: two with one name could not be told apart.
         if len(set(names)) != len(names):
             duplicate = next(name for name in names if names.count(name) > 1)
             raise ConstraintError(f"duplicate actuator '{duplicate}'")

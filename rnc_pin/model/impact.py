@@ -143,6 +143,7 @@ def _found(rows: RowStack, conserved: Array, state: StateEvaluation, after: Arra
     named = {name: impulse for name, impulse, is_conserved in reacting if not is_conserved}
     found = _read_only(before, after, named, *(float(0.5 * each @ M @ each) for each in (before, after)))
     rounding = 1e-9  # share of the kinetic energy
+    # Rows that move do work on the robot: only beside rows at rest must the energy not grow.
     if not rows.affine and -found.loss > rounding * found.energy_before:
         raise ConstraintError(
             f"restitution: these coefficients create energy, {-found.loss:.3g} J of {found.energy_before:.3g} J: "

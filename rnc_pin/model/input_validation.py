@@ -158,6 +158,7 @@ def admit_numbers(array: ArrayInput, name: str) -> np.ndarray:
     except (TypeError, ValueError):
         found = np.zeros((), dtype=object)
     masked = any(each.__name__ == "MaskedArray" for each in type(array).__mro__)  # an import of numpy.ma takes long
+    # Truth values and text would convert to numbers without an error; a mask would be lost.
     if found.dtype.kind not in "fiu" or masked:
         raise InputError(f"{name} is not an array of numbers: {printable(repr(array), 60)}")
     return found.astype(float, copy=False)
@@ -289,6 +290,7 @@ def check_instances(name: str, values: object, kind: type) -> None:
     Raises:
         ConfigurationError: it is none, such as a single object.
     """
+    # A single object is the usual mistake: then the message shows it, and none of its parts.
     entries = list(values) if isinstance(values, Iterable) and not isinstance(values, str) else [None]
     if not all(isinstance(each, kind) for each in entries):
         wrong = next(each for each in entries if not isinstance(each, kind)) if len(entries) > 1 else values

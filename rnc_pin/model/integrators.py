@@ -534,6 +534,7 @@ class ReducedMotion:
             T: actuator inputs (p,).
             external: generalized forces (nv,) in addition to inputs and damping; None for zero.
         """
+        # The time is part of y, so that stages of a step have times of their own.
         n, v2, t = by.data.n, y[: by.data.r], float(y[-2]) if by.data.rheonomic else None
         # In the order in which an integrator has them: v, then the rates of its state.
         found = np.empty(n + len(y))

@@ -184,7 +184,9 @@ class ReducedModel(SummaryMixin):
             q: one configuration (nq,).
         """
         state = self.at(q)
+        # An error here, and not at the first use of the new model, if q is singular.
         _ = state.R
+        # Only the default changes: at other states other rows may still be selected.
         parts = self._data.keeping(state.kept.tolist())
         if self._data.free:
             # Rows of J2 are unit vectors then: each has its one at the entry that was selected.

@@ -193,6 +193,7 @@ class ReductionData:
         Args:
             other: the other reduction.
         """
+        # By identity: a stack returns the same object for each choice of its rows.
         same = self.constraints is other.constraints and self.reducing is other.reducing
         return same and self.kinematics is other.kinematics and self.fast_limit == other.fast_limit
 
@@ -202,6 +203,7 @@ class ReductionData:
         Args:
             other: the other reduction.
         """
+        # By identity: the same object has the same description for the kernel, which was compared already.
         known = {id(place.block) for stack in (other.reducing, other.vertical) for place in stack.places}
         own = (place.block for stack in (self.reducing, self.vertical) for place in stack.places)
         same = self.constraints is other.constraints and self.kinematics is other.kinematics

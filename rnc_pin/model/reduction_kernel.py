@@ -217,6 +217,7 @@ def _curved_joints(model: pin.Model) -> Array | None:
         kind = _CURVED.get(joint.shortname())
         if kind is not None:
             found.append((kind, joint.idx_v))
+        # The kernel has no exponential for other joints, such as universal ones: Python integrates them.
         elif joint.nv > 1 and joint.shortname() != "JointModelTranslation":
             return None
     return np.array(found, dtype=np.int64).reshape(-1, 2)

@@ -97,6 +97,7 @@ class NonholonomicSystem(SummaryMixin):
             actuators = actuators.copy()
         self.actuation = Actuation(actuators, robot)
         self.forces = PassiveForces(_kinds(forces, "forces"), robot)
+        # Systems with further constraints are built again from these: their rank and checks are new.
         self._given = actuators, mimic, tuple(forces)
         self.kinds = tuple(_kinds(constraints, "constraints"))
         blocks = _numbered([kind.bind(robot) for kind in self.kinds])

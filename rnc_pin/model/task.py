@@ -133,6 +133,7 @@ class OutputTargets:
         found = [_target(reduced, output, value) for output, value in targets.items()]
         self.labels = tuple(label for label, *_ in found)
         for label in self.labels:
+            # Two goals of one output contradict each other, and the nearest point to both meets neither.
             if self.labels.count(label) > 1:
                 raise ConfigurationError(f"two targets for output '{label}'")
         self._outputs = SelectedOutputs([chosen for _, chosen, _ in found])
@@ -261,6 +262,7 @@ class Task(ReprMixin):
         x2, x1 = reduced.reducing, reduced.vertical
         chosen = x1.names if vertical is None else tuple(vertical)
         columns = {name: _position(name, x2.names, "reducing") for name in (*primary, *redundant)}
+        # A mapping keeps a name once: fewer entries than names tell that one is there twice.
         if len(columns) < len(primary) + len(redundant):
             raise ConfigurationError("duplicate output in primary and redundant")
         # Each reducing output belongs to one part: what is left out would move at will.
