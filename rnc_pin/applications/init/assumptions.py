@@ -156,7 +156,7 @@ class BaseAssumptions:
             what: remark; empty for the source of the radius alone.
             **keys: further settings of the constraint.
         """
-        if wheel.edge is not None:
+        if wheel.edge is not None:  # without a joint it cannot roll; its lateral row is left, if it has one
             if keys.get("lateral") is not False:
                 self.constraints.append(({"no_side_slip": dict(wheel.edge)}, f"{what or 'knife edge'}; only drawn"))
             return
@@ -206,6 +206,7 @@ def rolls(wheel: Wheel, **more: Json) -> dict[str, Json]:
 
 def turned(wheel: Wheel, **more: Json) -> dict[str, Json]:
     """Entry of a wheel on a pivot; no vertical row if it moves up and down, because a planar base keeps its height."""
+    # Its vertical row would ask a base that keeps its height to move up and down, and lock it.
     leans = wheel.wobbles or any(float(np.hypot(*pivot.axis[:2])) > UPRIGHT for pivot in wheel.pivots)
     return rolls(wheel, **more, **({"vertical": False} if leans else {}))
 
@@ -250,7 +251,7 @@ def output_candidates(
         robot: the robot.
         start: start values of its joints with one degree of freedom [rad or m].
     """
-    used = [entry["joint"] for entry, _ in mobility.outputs if "joint" in entry]
+    used = [entry["joint"] for entry, _ in mobility.outputs if "joint" in entry]  # such as steering, with its own step
     # False sorts before True: joints with a motor are preferred, in the order of the file.
     joints = sorted((name for name in start if name not in used), key=lambda name: name in mobility.passive)
     return [*mobility.outputs, *(({"joint": name}, _step(robot, name, start[name])) for name in joints)]
@@ -275,6 +276,7 @@ def select_outputs(
     for entry, step in wanted:
         kind = output_of(entry)
         bound = kind.bind(system.robot)
+        # Outputs have SI units: a row that is small beside 1.0 is rounding, which unit length would enlarge.
         added = _unit_rows(bound.jacobian(position), 1.0)
         if len(chosen.names) + len(added) > system.r or not _independent(rows, added):
             continue
@@ -306,6 +308,7 @@ def _step(robot: Robot, name: str, value: float) -> float:
     low, high = range_of_motion(robot, name)
     above, below = high - value, value - low  # both infinite without limits
     slid = 0.05  # displacement of the reference of a prismatic joint [m]
+    # A third of the way to the farther limit leaves room for the overshoot.
     length = max(min(BENT if is_revolute(robot, name) else slid, 0.3 * max(above, below)), 0.0)
     return round(length if above >= (1 - SAME) * below else -length, 4)
 
@@ -345,6 +348,7 @@ class ActuatorCandidates:
             input_matrix: reduced forces for unit inputs of all entries (r, p).
         """
         columns, rows = list(range(len(self.sure))), _unit_rows(input_matrix)
+        # Greedy in the order of likelihood: each entry that is not needed would be a motor that the file does not have.
         for column in range(len(self.sure), len(self.all)):
             if _rank(rows[:, [*columns, column]]) > _rank(rows[:, columns]):
                 columns.append(column)
@@ -369,6 +373,7 @@ def actuator_candidates(
         (entry, remark) for entry, remark in mobility.actuators if not (isinstance(entry, str) and entry in undriven)
     ]
     named = {entry for entry, _ in driving if isinstance(entry, str)}
+    # A torque on a joint whose momentum is conserved would contradict its row.
     conserved = {entry.get("momentum") for entry, _ in mobility.constraints if isinstance(entry, dict)}
     followers = set(mobility.mimic_drivers)
     weak = mobility.without_effort - conserved - followers
@@ -390,7 +395,7 @@ def actuator_candidates(
 
 def _forces(mobility: BaseAssumptions) -> list[Entry]:
     """Forces and torques on the base; none if its momentum is conserved."""
-    if mobility.weightless or mobility.base == "fixed":
+    if mobility.weightless or mobility.base == "fixed":  # bolted down, a force on the base does nothing
         return []
     kinds = [("force", "xy"), ("torque", "z")] if mobility.base == "planar" else [("torque", "xyz")]
     return [{kind: {"frame": mobility.frame, "axis": axis}} for kind, axes in kinds for axis in axes]
@@ -428,6 +433,7 @@ def assume_motors(
     """
     limits = {name: effort_limit(robot, name) for name in start}
     weak = [name for name, limit in limits.items() if limit == 0 and name not in mobility.passive]
+    # Zeros count only where another joint has an effort: else the file states none.
     powered = any(limit for name, limit in limits.items() if name not in mobility.passive)
     of_base = {entry for entry, _ in mobility.actuators if isinstance(entry, str)} | mobility.passive
     others = [name for name in start if name not in of_base]
@@ -436,6 +442,7 @@ def assume_motors(
     idle = [name for name in others if name in undriven]
     if idle:
         mobility.decisions.append(_decision_on_others(idle, drives))
+    # CAD exporters write 0 for motors too: a list of motors and the function as steering count more.
     named = [name for name in weak if drives.says(name) or name in mobility.steering]
     if powered:
         mobility.without_effort = set(weak) - set(named)
@@ -467,12 +474,12 @@ def conserve_momentum_of_free_joints(mobility: BaseAssumptions, robot: Robot) ->
         mobility: assumptions about the base; they are extended.
         robot: the robot.
     """
-    if mobility.base != "fixed" or mobility.constraints:
+    if mobility.base != "fixed" or mobility.constraints:  # forces of other rows would change the momentum
         return
     for name in robot.joint_names:
         if name in mobility.without_effort and robot.model.parents[robot.joint_id(name)] == 0:
             entry = {"momentum": name}
-            with suppress(ConstraintError):
+            with suppress(ConstraintError):  # gravity acts along it: then it is not conserved
                 constraint_of(entry).bind(robot)
                 mobility.constraints.append((entry, "turns freely, and the robot starts at rest"))
                 mobility.vertical.append({"joint": name})

@@ -185,12 +185,13 @@ def draft_with_decisions(source: str, folder: Path, wishes: DraftOptions | None 
     """
     choices = wishes or DraftOptions()
     taken = first = _tried(source, folder, choices)
+    # A run beyond limits speaks against a guess; against what is sure it speaks against the file.
     wrong = [str(each) for each in first.trial.findings if _speaks_against(each)]
     for decision in first.scenario.questions if wrong else ():
         evidence = f"with the answer '{decision.answer}', its run has {wrong[0]}"
         for other in decision.alternatives if taken is first else ():
             decided = DraftDecision(decision.question, other.answer, LIKELY, evidence)
-            with suppress(RncError):
+            with suppress(RncError):  # another answer may have no draft at all
                 found = _tried(source, folder, choices.with_choices(other.choices), [decided])
                 taken = first if found.trial.doubts else found
     for message in dict.fromkeys(taken.warnings):
@@ -219,7 +220,7 @@ def _tried(name: str, folder: Path, choices: DraftOptions, decided: Iterable[Dra
     first: RncError | None = None
     best: _Draft | None = None
     with warnings.catch_warnings(record=True) as heard:
-        warnings.simplefilter("always")
+        warnings.simplefilter("always")  # once for each place would hide those of the next candidate
         source = Source(name, folder, choices)
         evidence = _evidence(source)
         for kind in (each for each in BASE_KINDS if each.fits(evidence)):
@@ -234,13 +235,14 @@ def _tried(name: str, folder: Path, choices: DraftOptions, decided: Iterable[Dra
                 scenario = DraftedScenario(attempt.written(), tuple(mobility.decisions))
             except RncError as error:
                 first = first or error
+                # Kinds of bases often fail for one reason, such as a joint without mass.
                 if not any(str(error) in each for each in failures):
                     failures.append(f"not '{mobility.kind}', which does not run: {error}" if mobility else str(error))
                 if kind.is_last:
                     break
                 continue
             finally:
-                said = _messages(heard[begun:])
+                said = _messages(heard[begun:])  # kept beside the draft, if it is taken
                 del heard[begun:]  # those of rejected candidates are not of interest
             verdict = attempt.trial.verdict
             if best is None or attempt.trial.rank < best.trial.rank:
@@ -271,11 +273,12 @@ def _evidence(source: Source) -> BaseEvidence:
     at_start = RobotAtStart(robot, start_values(robot), source.names(), drives, not source.is_mjcf, is_rigid)
     search = WheelSearch(at_start)
     wheels, axles, shapes = list[Wheel](), list[Wheel](), list[Wheel]()
-    if options.base in (None, "planar"):
+    if options.base in (None, "planar"):  # bolted down or afloat, wheels do not carry it
         wheels = search.standing
         source.hold(search.virtual, "virtual wheels move no shape and nearly no mass")
-        if other_bases.is_called_afloat(at_start) and not search.stands_below_body:
+        if other_bases.is_called_afloat(at_start) and not search.stands_below_body:  # propellers
             wheels = []
+        # What moves over the ground without rolling may be drawn with wheels: they would hold it.
         if wheels or not (other_bases.moves_over_ground(at_start) or at_start.own_planar_joints):
             axles = [] if wheels else search.drawn_axles
             shapes = search.drawn_wheels(wheels or axles)
@@ -283,7 +286,7 @@ def _evidence(source: Source) -> BaseEvidence:
     if wheels or (len(shapes) >= least and not axles):
         standing = [*wheels, *shapes]
         called = wheels_called_omni(standing, at_start) if options.rollers is None else []
-        sliding = called if len(called) < len(standing) else []
+        sliding = called if len(called) < len(standing) else []  # if all are called so, they are omni wheels
         layout = classify_wheels(standing, drives, search.raised if wheels else (), sliding)
         if layout.steered and not (layout.fixed or layout.is_swerve or layout.is_turret):
             # Drawn axles guide a base whose wheels only steer.

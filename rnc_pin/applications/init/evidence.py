@@ -102,6 +102,7 @@ def has_word(pattern: str, *names: str) -> bool:
     whole = _whole(pattern)
     for name in names:
         words = words_of(name)
+        # "king_pin", "kingPin" and "king-pin" are one word for a person.
         pairs = (f"{one}_{other}" for one, other in itertools.pairwise(words))
         if any(whole.fullmatch(each) for each in (*words, *pairs)):
             return True
@@ -148,9 +149,10 @@ def body_frame(robot: Robot, joint: int) -> str:
         robot: the robot.
         joint: index of the joint.
     """
-    frames = [frame for frame in robot.model.frames if frame.parentJoint == joint]
-    for frame in frames:
-        if frame.type == pin.FrameType.BODY and np.allclose(frame.placement.translation, 0.0):
+    for frame in robot.model.frames:
+        # Links behind fixed joints belong to the same body, and lie elsewhere.
+        here = frame.parentJoint == joint and np.allclose(frame.placement.translation, 0.0)
+        if here and frame.type == pin.FrameType.BODY:
             return str(frame.name)
     return str(robot.model.names[joint])
 
@@ -163,9 +165,10 @@ def joint_limits(robot: Robot, name: str) -> tuple[float, float]:
         name: name of the joint.
     """
     joint = robot.model.joints[robot.joint_id(name)]
-    if joint.nq != 1:
+    if joint.nq != 1:  # cosine and sine of a continuous joint: the model's limits are those of these two numbers
         return -np.inf, np.inf
     low, high = robot.model.lowerPositionLimit[joint.idx_q], robot.model.upperPositionLimit[joint.idx_q]
+    # Equal limits are zeros that an exporter wrote for none; where they are meant, the joint is locked before.
     return (float(low), float(high)) if low < high else (-np.inf, np.inf)
 
 
@@ -185,9 +188,9 @@ def joint_range(robot: Robot, name: str, leaders: tuple[str, ...] = ()) -> tuple
         # Mimic joints of a file may form a circle: each joint counts once.
         is_new = follower.joint in robot.joint_names and follower.joint not in leaders
         if follower.of == name and follower.multiplier and is_new:
-            reach = joint_range(robot, follower.joint, leaders)
+            reach = joint_range(robot, follower.joint, leaders)  # its own followers limit it, too
             ends = [(end - follower.offset) / follower.multiplier for end in reach]
-            first, last = ends if follower.multiplier > 0 else reversed(ends)
+            first, last = ends if follower.multiplier > 0 else reversed(ends)  # not sorted: low > high tells "none"
             low, high = max(low, first), min(high, last)
     return low, high
 
@@ -257,24 +260,13 @@ class DriveEvidence:
         Args:
             joint: name of the joint.
         """
+        # An option counts more than the file: it is how a user corrects a draft.
         if joint in self.driven or joint in self.passive:
             return joint in self.driven
         if joint in self.named:
             return True
         # A file that lists motors joint by joint would list this one too.
         return False if self.is_list else None
-
-    def drives(self, joint: str) -> bool:
-        """Return whether a joint is probably driven, without other joints of its kind to compare it with.
-
-        Args:
-            joint: name of the joint.
-        """
-        said = self.says(joint)
-        # Where a plugin names some joints, those that it leaves out probably turn freely.
-        if said is None and self.named:
-            return False
-        return self.efforts.get(joint, 0.0) > 0 if said is None else said
 
     def strength(self, joint: str) -> tuple[bool, bool]:
         """Return a value that is larger the more speaks for a motor on this one of several coupled joints.
@@ -291,6 +283,7 @@ class DriveEvidence:
             joints: joint names.
             usual: those that usually are driven, if nothing else tells.
         """
+        # From statements over numbers to words: each step is taken only if the one before tells nothing.
         named = [each for each in joints if self.says(each)]
         sources = list(dict.fromkeys(self.source(each) for each in named))
         if named:
@@ -302,11 +295,13 @@ class DriveEvidence:
             weak = [each for each in group if self.efforts.get(each) == 0]
             if strong and weak:
                 return DrivenJoints(tuple(strong), LIKELY, f"effort 0 of {few(weak)}")
+        # A file may state efforts of motors, and no limit at all for wheels that turn freely.
         stated = [each for each in possible if 0 < self.efforts.get(each, 0.0) < np.inf]
         if 0 < len(stated) < len(possible):
             return DrivenJoints(tuple(stated), LIKELY, "only they have an effort in the file")
         drives = "drive|driven|driving|traction|motor|powered|propulsion"
         called = [each for each in possible if has_word(drives, each)]
+        # A word on every wheel, such as "motor", distinguishes none.
         if called and len(called) < len(possible):
             return DrivenJoints(tuple(called), GUESSED, "by their names")
         sure = LIKELY if len(usual) == len(possible) else GUESSED
@@ -318,8 +313,7 @@ class DriveEvidence:
         Args:
             joint: name of the joint.
         """
-        option = "an option"
-        return option if joint in self.driven else self.named[joint]
+        return "an option" if joint in self.driven else self.named[joint]
 
     def unlisted(self, joints: Collection[str]) -> list[str]:
         """Return the joints beside the base that options or the file's list of motors leave out.
@@ -331,6 +325,7 @@ class DriveEvidence:
         """
         left = [each for each in joints if self.says(each) is False]
         several = 3  # number of joints beside the base above which a list that names none is one of the base alone
+        # An arm of four joints has motors, whoever forgot to list them; one or two joints may well hang loose.
         of_base = not self.is_complete and len(left) == len(joints) > several
         return [each for each in left if each in self.passive] if of_base else left
 
@@ -361,7 +356,7 @@ def mimic_drivers(robot: Robot, drives: DriveEvidence) -> dict[str, str]:
         drives: evidence for which joints have a motor.
     """
     follows = {each.joint: each.of for each in robot.mimics if each.joint in robot.joint_names}
-    still = {each.joint for each in robot.mimics if not each.multiplier}
+    still = {each.joint for each in robot.mimics if not each.multiplier}  # these stand, and can lead nothing
     groups: dict[str, list[str]] = {}
     for joint in follows:
         groups.setdefault(_last_leader(joint, follows), []).append(joint)
@@ -390,9 +385,10 @@ def named_as_driven(robot: ElementTree.Element) -> tuple[dict[str, str], bool]:
         robot: root element of the URDF.
     """
     joints = {str(joint.get("name")) for joint in robot.findall("joint")}
+    # A joint with state interfaces alone is measured, not driven.
     sources = {".//ros2_control/joint[command_interface]": "ros2_control", ".//transmission/joint": "a transmission"}
     found = ((str(each.get("name")), source) for path, source in sources.items() for each in robot.iterfind(path))
-    listed = {joint: source for joint, source in found if joint in joints}
+    listed = {joint: source for joint, source in found if joint in joints}  # files keep entries of removed joints
     # A transmission says more than a plugin, whose names may be those of the base alone.
     return {**{joint: "a plugin" for joint in _plugins(robot) if joint in joints}, **listed}, bool(listed)
 

@@ -48,6 +48,7 @@ def turret_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
     pivot = unit.pivot
     result.steer(pivot.joint, "turns the turret")
     frame = body_frame(at_start.robot, pivot.index)
+    # An axle below the pivot cannot push the body sideways: then its pose is no output, see above.
     if abs(pivot.offset(unit.wheels[0].center) @ unit.wheels[0].heading) > 0.1 * unit.wheels[0].radius:
         result.add_planar_pose_outputs()
     axis = at_start.along(unit.wheels[0].heading, frame)
@@ -73,18 +74,20 @@ def swerve_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
     result = wheeled_base.planar_on_wheels(layout, at_start, kind)
     first, *_ = wheels = [each for cart in _carts(layout, at_start) for each in _farthest(cart)]
     guides = [each.joint for each in wheels]
-    if len(guides) >= _GUIDES and first.joint in layout.driven.joints:  # it moves sideways and on the spot too
+    # The rate of a wheel tells a motion in every direction; a forward speed is zero while the base moves sideways.
+    if len(guides) >= _GUIDES and first.joint in layout.driven.joints:
         result.outputs.append(({"joint": first.joint}, round(DRIVEN / first.radius, 3)))
     else:
         result.drive_along(at_start.along(first.heading))
-    if len(guides) < _GUIDES:
+    if len(guides) < _GUIDES:  # wheels on one line leave the turn about a point of that line
         result.outputs.append(({"frame_yaw": result.frame}, 0.0))
     for each in layout.steered:
         result.roll_line(each.wheels, f"steered by {each.pivot.joint}", lateral=each.wheels[0].joint in guides)
+        # All wheels turn to the same side, also about an axis that points down.
         upward = np.sign(turning_axis(at_start.robot.model, at_start.data, each.pivot.index)[2])
         result.outputs.append(({"joint": each.pivot.joint}, float(upward * BENT)))
     wheeled_base.add_wheel_motors(result, layout, at_start)
-    for each in layout.steered:
+    for each in layout.steered:  # after the drives, as in lists of motors
         result.steer(each.pivot.joint)
     wheeled_base.support_by_casters(result, layout)
     result.vertical += place_and_heading(result.frame)
@@ -109,11 +112,9 @@ def _carts(layout: WheelLayout, at_start: RobotAtStart) -> list[list[list[Wheel]
 
 
 def _farthest(lines: list[list[Wheel]]) -> tuple[Wheel, ...]:
-    """Wheels of the first and the last axle line along the heading, that are farthest apart; one if there is one line.
-
-    On a diagonal their axles are not in line where the base moves straight ahead or to its side.
-    """
+    """Wheels of the first and the last axle line that are farthest apart; one if there is one line."""
     along = [float(line[0].center @ lines[0][0].heading) for line in lines]
+    # Two lateral rows on a diagonal stay independent for straight and sideways motion, where rows in line would not.
     pairs = [*itertools.product(lines[int(np.argmax(along))], lines[int(np.argmin(along))])]
     apart = [-float(np.linalg.norm(one.center - other.center)) for one, other in pairs]
     return (lines[0][0],) if len(lines) == 1 else pairs[first_smallest(apart, PLACED)]
@@ -139,6 +140,7 @@ def wheels_called_omni(wheels: Sequence[Wheel], at_start: RobotAtStart) -> list[
 
 def _is_called_omni(at_start: RobotAtStart) -> bool:
     """True if a name of the whole robot tells of rollers; "omni" before a word for a sensor is one of its sensors."""
+    # "omni_camera" and "omni wrist" are sensors and tools on any base.
     pairs = (pair for name in at_start.title for pair in itertools.pairwise([*words_of(name), ""]))
     called = (pair for pair in pairs if has_word(_OMNIDIRECTIONAL, pair[0]) or pair == ("planar", "move"))
     sensor = "cam|camera|vision|eye|lidar|laser|scan|scanner|sensor|microphone|mic|antenna|wrist|tool"
@@ -159,12 +161,13 @@ def rollers_decision(layout: WheelLayout, at_start: RobotAtStart, asked: bool | 
         The decision, whose answer is "yes" or "no"; None if the question does not arise.
     """
     wheels = layout.fixed
-    if layout.steered or len(wheels) < 3:
+    if layout.steered or len(wheels) < 3:  # rollers on two wheels would let the base slide sideways freely
         return None
     no, yes = Alternative("no rollers", {"rollers": False}), Alternative("rollers", {"rollers": True})
     question = "Do the wheels have rollers?"
     if asked is not None:
         return DraftDecision(question, "yes" if asked else "no", SURE, "by an option")
+    # The strongest evidence first; each answer but that of the user has another one beside it.
     if any(wheel.rollers for wheel in wheels):
         return DraftDecision(question, "yes", SURE, "they are joints of the file", (no,))
     if not layout.is_straight:
@@ -189,11 +192,13 @@ def omnidirectional_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAss
     wheels, parallel = layout.fixed, layout.is_straight
     angles = [_angle(wheel, wheels, at_start, parallel) for wheel in wheels]
     apart = 0.05  # smallest singular value of three independent rows on the base velocity
+    # Roller axes through one point leave the turn about it free, parallel ones a slide: no wheel would tell it.
     if np.linalg.svd(unit_rows(_on_base(wheels, angles)), compute_uv=False)[2] < apart:
         return force_driven_base(layout, at_start, "these rollers do not constrain the base in three directions")
     kind = f"{len(wheels)} {'Mecanum' if parallel else 'omni'} wheels"
     result = wheeled_base.planar(at_start, kind, wheels)
     modelled = [roller for wheel in wheels for roller in wheel.rollers]
+    # Which roller touches changes as a wheel turns; the row holds for the one at the ground, at every angle.
     result.hold(modelled, "the roller at the ground is a constraint row; those of the file are locked")
     for wheel, angle in zip(wheels, angles, strict=True):
         doubt = "as Mecanum wheels are mounted to turn well: MEASURE its sign" if parallel else "MEASURE its angle"
@@ -254,7 +259,7 @@ def _release(result: BaseAssumptions, layout: WheelLayout) -> None:
     result.lock_carriers(layout.wheels)
     supports = [joint for each in (*layout.casters, *layout.trailers) for joint in each.joints]
     supports += [wheel.joint for wheel in layout.balls]
-    free = [joint for joint in supports if joint not in result.lock]
+    free = [joint for joint in supports if joint not in result.lock]  # a lock has one reason in the draft
     result.hold(free, "wheels that only support are locked and only drawn")
 
 
@@ -267,6 +272,7 @@ def _angle(wheel: Wheel, wheels: list[Wheel], at_start: RobotAtStart, parallel: 
     # Roller axes through the middle give no torque about it: each roller axis is normal to its diagonal.
     middle = np.mean([each.center for each in wheels], axis=0)
     heading, offset = wheels[0].heading, wheel.center - middle
+    # Left and right wheels, front and rear, alternate in sign: the product of both offsets tells the diagonal.
     beside = [float(offset @ each) for each in (heading, np.cross([0.0, 0.0, 1.0], heading))]
     side = np.sign(np.prod([each if abs(each) > SAME * wheel.radius else 0.0 for each in beside]))
     return float(-np.pi / 4 * (side or 1.0))
@@ -278,6 +284,7 @@ def _modelled_angle(wheel: Wheel, at_start: RobotAtStart) -> float:
     axis = turning_axis(at_start.robot.model, at_start.data, joint)
     out = at_start.data.oMi[joint].translation - wheel.center
     along_rim = np.cross(out, wheel.axle)  # the wheel's heading if the roller is at the bottom
+    # The axis may be written in either direction; seen with its position on the rim, the sign is the same for all.
     angle = np.arcsin(min(abs(float(axis @ wheel.axle)), 1.0))
     return float(angle if (axis @ wheel.axle) * (axis @ along_rim) >= 0 else -angle)
 
@@ -289,6 +296,7 @@ def _on_base(wheels: list[Wheel], angles: list[float]) -> np.ndarray:
     for wheel, angle in zip(wheels, angles, strict=True):
         x, y, _ = np.cos(angle) * wheel.heading + np.sin(angle) * np.cross([0.0, 0.0, 1.0], wheel.heading)
         at = wheel.center - middle
+        # Rotation as speed of this wheel: then a singular value does not depend on the size of the base.
         size = max(float(np.hypot(at[0], at[1])), 1e-9)
         rows.append([x, y, (at[0] * y - at[1] * x) / size])
     return np.array(rows)

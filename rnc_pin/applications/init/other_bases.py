@@ -48,7 +48,7 @@ def balance_decision(layout: WheelLayout, at_start: RobotAtStart, asked: bool | 
     if not lonely or len(layout.fixed) != 2 or len(layout.axles) != 1:
         return None
     one, other = layout.fixed
-    if np.linalg.norm(one.center - other.center) < one.radius:
+    if np.linalg.norm(one.center - other.center) < one.radius:  # twin wheels in the middle, which is one wheel
         return None
     question = "Does the base balance on its two wheels?"
     yes = Alternative("it does", {"balance": True})
@@ -60,9 +60,11 @@ def balance_decision(layout: WheelLayout, at_start: RobotAtStart, asked: bool | 
     named = has_word(balances, *at_start.title)  # a load balancer on a cart is none
     on_legs = bool(one.carriers and other.carriers)
     tall = 1.5  # smallest height of the center of mass above the axle of a balancing robot, in radii
+    # Low or beside the axle, gravity tips the body onto something that the file lacks, not onto its wheels.
     if beside >= max(0.5 * above, 0.2 * one.radius) or above <= (0.0 if named or on_legs else tall * one.radius):
         where = "its center of mass is low, or beside the axle" + ", but its wheels are on legs" * on_legs
         return DraftDecision(question, "no", GUESSED if on_legs else LIKELY, where, (yes,))
+    # A robot that is called a balancer may have a stand for its rest.
     if not named and (support := _support(layout, at_start)):
         return DraftDecision(question, "no", LIKELY, f"{support} supports it", (yes,))
     efforts = [effort_limit(at_start.robot, wheel.joint) for wheel in layout.fixed]
@@ -80,8 +82,6 @@ def balance_decision(layout: WheelLayout, at_start: RobotAtStart, asked: bool | 
 
 def balancing_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
     """Free base on one axle: two wheel torques control both wheel angles and the pitch.
-
-    The feedback uses wheel angles, not path length and heading: the motion of an unbalanced wheel depends on its angle.
 
     Args:
         layout: wheels by their function.
@@ -105,9 +105,11 @@ def balancing_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptio
         result.outputs.append(({"joint": wheel.joint}, round(way, 2)))
         cost[wheel.joint] = significant((wheel.radius / (size * far)) ** 2)
         cost[f"{wheel.joint}_dot"] = significant((wheel.radius / fast) ** 2 / size)
+    # Two torques move two wheels; the tilt is a coordinate of the state, and has no reference of its own.
     result.outputs.append((leaning, 0.0))
     result.untracked.add(tilt)
     result.vertical += place_and_heading(at_start.frame)
+    # Wheel angles, not path length and heading: the motion of an unbalanced wheel depends on its angle.
     result.feedback = {
         "type": "state_feedback",
         "coordinates": [*(wheel.joint for wheel in wheels), leaning],
@@ -163,6 +165,7 @@ def bicycle_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions
     result.actuators.append((rear.joint, "drives"))
     result.steer(steering)
     result.passive.add(front.joint)
+    # Names as the outputs give them to their rows: costs and initial rates refer to these.
     speed, tilt = f"{at_start.frame}_speed_{along}", f"{at_start.frame}_tilt_{across}"
     leaning: dict[str, Json] = {"frame_tilt": {"frame": at_start.frame, "axis": across}}
     result.drive_along(along, 0.0)
@@ -173,7 +176,7 @@ def bicycle_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions
     cost |= {f"{tilt}_dot": significant(size), f"{steering}_dot": significant(size)}
     wheelbase = abs(float((front.center - rear.center) @ rear.heading))
     forward = at_start.placement.rotation[:, "xyz".index(along)]
-    sense = 1.0 if forward @ (front.center - rear.center) > 0 else -1.0
+    sense = 1.0 if forward @ (front.center - rear.center) > 0 else -1.0  # the steered wheel leads
     froude = 1.5  # speed of a bicycle / sqrt(gravity * wheelbase): enough for balance by steering
     rolling = round(sense * froude * float(np.sqrt(9.81 * wheelbase)), 2)
     pushed = 0.1  # initial tilt rate of a bicycle [rad/s]; an initial tilt could also be that of a steady circle
@@ -201,6 +204,7 @@ def _lie_down(result: BaseAssumptions, wheels: list[Wheel]) -> None:
     height = median(float(wheel.radius - wheel.center[2]) for wheel in wheels)
     result.initial["root_joint"] = [0.0, 0.0, round(height, 6), 0.0, 0.0, 0.0, 1.0]
     result.ground = 0.0
+    # What balances is one body: an arm that moves would be a disturbance, and its torques other inputs.
     moving = {joint for wheel in wheels for joint in (wheel.joint, *(pivot.joint for pivot in wheel.pivots))}
     result.lock_carriers(wheels)
     others = [name for name in result.start if name not in moving and name not in result.lock]
@@ -212,7 +216,7 @@ def _center_of_mass(layout: WheelLayout, at_start: RobotAtStart) -> tuple[float,
     own = {at_start.robot.joint_id(wheel.joint) for wheel in layout.fixed}
     model = at_start.robot.model
     bodies = [index for index, inertia in enumerate(model.inertias) if index not in own and inertia.mass > 0]
-    if not bodies:
+    if not bodies:  # nothing to balance: far beside every axle
         return 0.0, np.inf
     places = [at_start.data.oMi[index].act(model.inertias[index].lever) for index in bodies]
     middle = np.average(places, axis=0, weights=[model.inertias[index].mass for index in bodies])
@@ -231,7 +235,7 @@ def _support(layout: WheelLayout, at_start: RobotAtStart) -> str:
     own = {each for each in supports if each > at_start.root}  # wheels and legs
     everything = [each for kind in at_start.shapes.values() for each in kind if each.joint not in own]
     near = 0.3  # largest height of a support above the ground, in radii
-    for shape in everything:
+    for shape in everything:  # a low skid or a ball without a joint, whatever its name
         if shape.bottom - (axle - radius) < near * radius:
             return shape.name
     support = "caster.*|.*caster|castor.*|.*castor|support|skid|stabili[sz]er|ball|roller|slider|foot|feet|leg_rest"
@@ -303,9 +307,11 @@ def without_wheels(
         base, floats, why, sure = _likely_motion(at_start, own, mass_of_base)
     else:
         base, floats, why, sure = asked, asked == "free", because, SURE
+    # Three ways to have no wheels: afloat, over the ground, or bolted down.
     if floats:
         rotors = _rotors(at_start)
         if rotors and base == "free":
+            # A robot that floats in space may have a ring of wheels, too: never more than a guess.
             why, sure = f"{why}: {len(rotors)} rotors with upright axes around it carry it", min(sure, GUESSED)
         result = _afloat(at_start, None if own and asked is None else base, why, rotors)
     elif base == "planar":
@@ -318,6 +324,7 @@ def without_wheels(
             joints = ", ".join(at_start.own_planar_joints)
             result.kind = f"joints of the file let it move over the ground: {joints}"
             result.notes.append(f"{joints} are driven, and the base moves in any direction")
+    # The file's own planar joints answer the question; what a user asked for is none.
     if asked is None and not (base == "fixed" and at_start.own_planar_joints):
         words = {"fixed": "it is bolted down", "planar": "it moves over the ground", "free": "it floats or flies"}
         possible = [each for each in words if each != base and not (each == "fixed" and at_start.is_rigid)]
@@ -335,6 +342,7 @@ def _likely_motion(
     why, sure = ("a free joint in the file", SURE) if own else _floats(at_start, mass_of_base)
     if not why:
         return "fixed", False, "no wheels were found, and nothing tells that it floats", LIKELY
+    # Against floating: names of wheels, and bodies that resist turning about one axis only.
     if not own and _called_wheels(at_start):
         called = "links are called wheels, so that it stands on the ground, and no joint turns them there"
         return "planar", False, called, GUESSED
@@ -380,13 +388,14 @@ def _floats(at_start: RobotAtStart, mass_of_base: Callable[[], float]) -> tuple[
     if at_start.is_rigid:
         return ("one rigid body, with a name", LIKELY) if is_named else ("one rigid body", GUESSED)
     mass = 0.0 if at_start.root else mass_of_base()
-    if mass <= 0:
+    if mass <= 0:  # a ground or world link without mass: something stands on it
         return "", LIKELY
     limbs = len(at_start.robot.model.children[0])
     if limbs >= _LIMBS:
         return f"no wheels, and {limbs} limbs on one body", LIKELY
     if is_named:
         return "no wheels, and a name of something that floats", LIKELY
+    # The base of an arm weighs less than half of it; a satellite more than its arm.
     share = mass / (mass + sum(inertia.mass for inertia in at_start.robot.model.inertias[1:]))
     heavy, very_heavy = 0.5, 0.8  # share of the mass in the first link above which the base may float, and floats
     bolted = "table|pedestal|stand|mount|wall|ground|world|rail"
@@ -398,7 +407,7 @@ def _floats(at_start: RobotAtStart, mass_of_base: Callable[[], float]) -> tuple[
 
 def _on_ice(at_start: RobotAtStart, why: str) -> BaseAssumptions:
     result = planar(at_start, why, [])
-    result.travel = 0.0
+    result.travel = 0.0  # without wheels, the trial does not ask how far they roll
     push(result)
     return result
 
@@ -410,6 +419,7 @@ def _rotors(at_start: RobotAtStart) -> list[str]:
     upright = [k for k in leaves if model.joints[k].nv == 1 and abs(turning_axis(model, data, k)[2]) > _UPRIGHT]
     on_and_on = 4 * np.pi  # smallest range of a rotor; files write large limits for none [rad]
     found = [k for k in upright if np.ptp(joint_limits(at_start.robot, model.names[k])) > on_and_on]
+    # A ring around the base: equal arms about the middle of all rotors.
     places = np.array([data.oMi[k].translation[:2] for k in found]).reshape(-1, 2)
     arms = np.linalg.norm(places - places.sum(axis=0) / max(len(found), 1), axis=1)
     in_circle = len(found) >= _LIMBS and arms.min() > _UPRIGHT * arms.max()

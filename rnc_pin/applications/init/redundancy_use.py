@@ -58,17 +58,19 @@ def find_uses(scenario: Scenario, primary: Sequence[str] = ()) -> tuple[list[Fou
     tips = (tuple(each.bind(reduced.robot).names) for each in tip_positions(reduced))
     found: list[FoundUse] = []
     failures: list[str] = []
+    # The scenario's own task first, then the ends of chains: what a user would try.
     for names in [primary] if primary else filter(None, dict.fromkeys((tuple(scenario.task.primary_names), *tips))):
         try:
             each = explore(reduced, _kinds(known, names))
         except ConfigurationError as error:
-            if primary:
+            if primary:  # the user asked for these and no others
                 raise
             failures.append(str(error))
             continue
         found += [FoundUse(each, use) for use in each.rows]
         failures += [] if each.motions else [f"no motion is left beside {short_names(each.primary)}"]
     if found and reduced.actuation.names:
+        # Uses are of kinematics: a motion that no motor drives is found as well.
         driven = int(np.linalg.matrix_rank(reduced.at(found[0].use.best_at).input_matrix))
         if driven < reduced.r:
             failures.append(f"actuators drive {driven} of {reduced.r} motions: a use may need the others too")
@@ -102,6 +104,7 @@ def scenario_of(scenario: Scenario, found: FoundUse) -> tuple[Scenario, Verdict]
     best: tuple[Scenario, Verdict] | None = None
     known = _known_outputs(scenario)
     shares = 1.0, 0.3, 0.1  # of the usual motion
+    # The given start first; a bent one where it is singular. Smaller motions keep limits that larger ones exceed.
     for bent in (False, True):
         try:
             start = _bent_start(scenario, found, known) if bent else (found, {})
@@ -114,7 +117,7 @@ def scenario_of(scenario: Scenario, found: FoundUse) -> tuple[Scenario, Verdict]
                 verdict = made.run().verdict
             except RncError as error:
                 failures.append(str(error))
-                if isinstance(error, SingularityError):
+                if isinstance(error, SingularityError):  # no share of the motion and no tracker changes the start
                     break
                 continue
             if verdict.succeeded:
@@ -141,6 +144,7 @@ def _bent_start(
             ends = np.clip(ends, low + margin, high - margin)
         region[name] = float(ends[0]), float(ends[1])
     primary, vertical = _kinds(known, found.exploration.primary), _kinds(known, found.use.moved)
+    # Fewer samples: the class is known, and only the best posture near the start is asked for.
     local = explore(scenario.reduced, primary, [vertical], 32, region=region)
     use = local.rows[0] if local.rows else found.use
     start = {name: round(float(joint.position(use.best_at)), 3) for name, joint in joints.items()}
@@ -187,6 +191,7 @@ def _control(
         case "1" | "2":
             bound = [known[name].bind(scenario.robot) for name in use.moved]
             units = [rows.units[rows.names.index(name)] for name, rows in zip(use.moved, bound, strict=True)]
+            # The least mobile direction gets the usual motion of the joints times its singular value.
             step = bent * float(use.singular_values[use.rank - 1]) / np.sqrt(len(units))
             by["vertical"] = [step / exploration.length if unit.startswith("rad") else step for unit in units]
             if _by_coordinates(use, known, scenario.robot):
@@ -196,6 +201,7 @@ def _control(
                 controller["posture"] = {}
         case "2s":  # it steers only while it drives
             travel = share * 8.0 * exploration.length  # eight lengths of the robot
+            # Vertical outputs turn by the angle of steering times the speed: without travel nothing happens.
             by["primary"] = [travel if "_speed_" in name else 0.0 for name in exploration.primary]
             by["vertical"] = [_BEND * share] * len(use.moved)
             controller["type"] = "steering"
@@ -224,7 +230,7 @@ def _coordinate_steps(
     kinds = _kinds(known, (*primary, *use.moved, *use.redundant))
     stack, at = OutputStack([kind.bind(scenario.robot) for kind in kinds]), scenario.reduced.at(use.best_at)
     rates = dict(zip(stack.names, stack.jacobian(at.position) @ at.R, strict=True))
-    wanted = np.pad(steps, (len(primary), 0))
+    wanted = np.pad(steps, (len(primary), 0))  # primary outputs stand
     motion = np.linalg.lstsq(np.array([rates[name] for name in (*primary, *use.moved)]), wanted, rcond=None)[0]
     return [float(rates[name] @ motion) for name in use.redundant]
 
@@ -248,6 +254,7 @@ def _known_outputs(scenario: Scenario) -> dict[str, OutputKind]:
     """Outputs of one row, or of three of a rotation, by the names of their rows."""
     robot, found = scenario.robot, dict[str, OutputKind]()
     candidates = (each for group in default_candidates(scenario.reduced) for each in group)
+    # Outputs of the file first: their names keep their meaning.
     for kind in filter(None, (*scenario.content.listed_outputs, *candidates, *velocity_outputs(robot).values())):
         kinds: list[OutputKind] = [kind]
         if isinstance(kind, FramePosition | CenterOfMass):

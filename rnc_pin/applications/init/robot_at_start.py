@@ -45,6 +45,7 @@ def first_smallest(values: Sequence[float] | np.ndarray, slack: float) -> int:
         slack: difference below which two values are equal.
     """
     array = np.asarray(values)
+    # Not argmin: of two equal values, rounding on another computer would choose the other, and the draft would differ.
     return int(np.flatnonzero(array <= array.min() + slack)[0])
 
 
@@ -110,7 +111,7 @@ def joints_without_mesh(robot: Robot, kind: Kind) -> set[int]:
     """
     try:
         links = robot.missing_meshes(kind)
-    except ModelError:
+    except ModelError:  # geometry that cannot be read at all
         return set()
     return {int(robot.model.frames[robot.frame_id(link)].parentJoint) for link in links}
 
@@ -125,7 +126,7 @@ def shapes(robot: Robot, kind: Kind, q: np.ndarray) -> list[Shape]:
     """
     try:
         geometry = robot.visual_model if kind == "visual" else robot.collision_model
-    except ModelError:
+    except ModelError:  # a draft needs no shapes: names and inertias are left
         return []
     if geometry is None:
         return []
@@ -154,15 +155,16 @@ def _points(item: pin.GeometryObject) -> tuple[np.ndarray, float] | None:
         return np.concatenate([circle + end, circle - end]), 0.0
     if kind == "Capsule":
         return np.array([[0, 0, geometry.halfLength], [0, 0, -geometry.halfLength]]), float(geometry.radius)
-    if kind == "Ellipsoid":
+    if kind == "Ellipsoid":  # its ends only: a wheel that is drawn as one is smaller between them
         return np.concatenate([np.diag(geometry.radii), -np.diag(geometry.radii)]), 0.0
     if kind == "Box":
         corners = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
         return corners * geometry.halfSide, 0.0
     if kind.startswith("BVHModel"):
         points = np.array(geometry.vertices(), dtype=float).reshape(-1, 3)
+        # One NaN would make every height of the ground NaN.
         return (points, 0.0) if len(points) and np.isfinite(points).all() else None
-    return None
+    return None  # planes and height fields have no size of their own
 
 
 @dataclass(frozen=True)
@@ -191,8 +193,6 @@ def fitted_disk(parts: list[Shape], center: np.ndarray, axle: np.ndarray) -> Dis
         center: point on the axle in the world frame (3,) [m].
         axle: direction of the axle in the world frame (3,), of unit length.
     """
-    if not parts:
-        return None
     upward = np.array([0.0, 0.0, 1.0]) - axle[2] * axle
     upward /= np.linalg.norm(upward)
     forward = np.cross(axle, upward)
@@ -203,7 +203,9 @@ def fitted_disk(parts: list[Shape], center: np.ndarray, axle: np.ndarray) -> Dis
     middle = (high + low)[:2] / 2
     beside = center + middle[0] * forward + middle[1] * upward
     radius = min(max(_reach(part, own, axle) for part in parts) for own in (beside, center))
+    # 3 mm are workmanship for the smallest wheels too; a shape farther away moves around the axle, as a crank does.
     is_near = float(np.linalg.norm(middle)) < max(0.2 * radius, PLACED)
+    # Coarse meshes are round: ten sides have extents of 1 to 0.95. A hexagon has 0.87.
     is_round = extents[:2].min() > 0.9 * extents[:2].max() and is_near
     # A square has equal extents too, but its corners are farther away than its sides.
     if not is_round or 2 * radius > 1.1 * extents[:2].max():
@@ -292,6 +294,7 @@ class RobotAtStart:
         for kind in GEOMETRY:
             lost = joints_without_mesh(self.robot, kind)
             every = shapes(self.robot, kind, self.q)
+            # The base itself keeps what is left: its lowest point tells the ground, and nothing measures its radius.
             found[kind] = [each for each in every if each.joint <= self.root or each.joint not in lost]
         return found
 
@@ -316,6 +319,7 @@ class RobotAtStart:
             if model.joints[index].nv != 1:
                 return ()
             axis = turning_axis(model, self.data, index)
+            # Counted, not compared in order: the two slides may carry the turn, or it them.
             slides += not axis.any() and abs(sliding_axis(model, self.data, index)[2]) < ALIGNED
             turns += abs(axis[2]) > 0.999
             joints.append(str(model.names[index]))
@@ -327,6 +331,7 @@ class RobotAtStart:
         if self.own_planar_joints:
             return self.robot.joint_id(self.own_planar_joints[-1])
         model = self.robot.model
+        # Of several bodies at the world, none carries the others.
         return 1 if model.joints[1].nv > 1 and len(model.children[0]) == 1 else 0
 
     @property
@@ -362,6 +367,7 @@ class RobotAtStart:
             joint: name of the joint.
         """
         driver = self._mimic_drivers.get(joint, joint)
+        # A locked leader is no joint of this robot any more: its follower then stands for itself.
         return driver if driver in self.robot.joint_names else joint
 
     @cached_property
@@ -379,7 +385,7 @@ class RobotAtStart:
         loops: list[set[int]] = []
         for closure in robot.closures:
             ends = [set(model.supports[model.frames[robot.frame_id(name)].parentJoint]) for name in closure[:2]]
-            loop = ends[0] ^ ends[1]
+            loop = ends[0] ^ ends[1]  # joints that carry both ends do not move one against the other
             joined = [each for each in loops if each & loop]
             loops = [*(each for each in loops if not each & loop), loop.union(*joined)]
         both = {robot.joint_id(one), robot.joint_id(other)}
@@ -393,6 +399,7 @@ class RobotAtStart:
             for frame in self.robot.model.frames
             if frame.parentJoint == self.root and frame.type == pin.FrameType.BODY and frame.name != "universe"
         ]
+        # REP 105 names the frame of a base so; the first link is often a footprint on the ground.
         if "base_link" in frames:
             return "base_link"
         return frames[0] if frames else body_frame(self.robot, max(self.root, 1))
@@ -420,7 +427,7 @@ class RobotAtStart:
             frame: name of the frame; empty for the frame of the base.
         """
         along = self.data.oMf[self.robot.frame_id(frame or self.frame)].rotation.T @ direction
-        is_named = np.abs(along).max() > np.cos(2 * ALIGNED)
+        is_named = np.abs(along).max() > np.cos(2 * ALIGNED)  # 2 degrees: the axle and the frame each have one
         return self.along(direction, frame) if is_named else [round(float(each), 9) for each in along]
 
     def carrier(self, joint: str) -> str:

@@ -67,11 +67,12 @@ class ScenarioCandidate:
     folder: Path
 
     def __post_init__(self) -> None:
+        # The order matters: locks change the robot, constraints its loose joints, and both the loads at the start.
         mobility = self.mobility
         self._share = 1.0
         self.robot = self.source.load(mobility.base, mobility.lock)
         self._against: list[str] = []
-        mobility.lock = {**self.source.held, **mobility.lock}
+        mobility.lock = {**self.source.held, **mobility.lock}  # ``load`` may have held joints that move no mass
         self.start = {name: value for name, value in self.at_start.start.items() if name in self.robot.joint_names}
         mobility.mimic_drivers = mimic_drivers(self.robot, self.at_start.drives)
         mobility.passive |= set(mobility.mimic_drivers)
@@ -96,14 +97,14 @@ class ScenarioCandidate:
             "robot": self._robot_entry(),
             "constraints": [entry for entry, _ in self.mobility.constraints],
             "actuators": [entry for entry, _ in self.candidates.all],
-            "outputs": {"reducing": [{"joint": "unused"}]},
+            "outputs": {"reducing": [{"joint": "unused"}]},  # the schema wants one; nothing is reduced here
         }
         return build_system(validate(raw, "draft"), self.folder)
 
     def _assembled_start(self) -> np.ndarray:
         """Initial configuration (nq,), assembled: wheels on the ground."""
         q = self.robot.configuration({**self.start, **self.mobility.initial})
-        lean = 0.05  # [rad]
+        lean = 0.05  # [rad]: half of the tilt for which inputs are weighted
         if self.mobility.lean is not None:
             pitched = pin.AngleAxis(lean * self._share, self.mobility.lean / np.linalg.norm(self.mobility.lean))
             q[3:7] = (pin.Quaternion(pitched) * pin.Quaternion(q[3:7])).coeffs()
@@ -123,15 +124,17 @@ class ScenarioCandidate:
         failures = [loaded] if is_slow else []
         best: tuple[Trial, str] | None = None
         for controller, dt, remark in self._controllers(is_loaded=bool(failures)):
+            # A second period serves controllers that fail with the first. Of an adaptive one that runs, learning is the
+            # error, and not sampling.
             if best is not None and controller.get("tracker") == "adaptive":
-                continue  # a shorter period would not reduce its tracking error
+                continue
             settings: dict[str, Json] = {
                 "controller": controller,
                 "simulation": {"duration": assumptions.DURATION + _REST, "dt": dt},
             }
             try:
                 trial = self._try_within_limits(chosen, settings)
-            except RncError as error:
+            except RncError as error:  # in a draft, a failure is evidence: the remark on the next controller has it
                 failures.append(str(error))
                 continue
             if best is None or trial.relative_error < best[0].relative_error:
@@ -169,8 +172,10 @@ class ScenarioCandidate:
         trial = usual = replace(self._try_out(self._scenario(chosen, settings)), share=self._share)
         most, least_share = 3, 0.05  # number of smaller motions that are tried, and the smallest share of the usual one
         for _ in range(most):
+            # Less than a twentieth of the motion would show nothing of the robot.
             if trial.kept_share == 1.0 or self._share * trial.kept_share < least_share:
                 break
+            # Rounded down to percents, which the file states.
             self._reduce_motion(math.floor(100 * self._share * trial.kept_share) / 100)
             try:
                 trial = replace(self._try_out(self._scenario(chosen, settings)), share=self._share)
@@ -189,12 +194,13 @@ class ScenarioCandidate:
     def _try_out(self, raw: dict[str, Json]) -> Trial:
         """Build the scenario with its preflight and run it: briefly, then as far as the computing time permits."""
         experiment = build_experiment(validate(raw, "draft"), self.folder)
+        # A tenth of a second first: it tells the speed of this robot, and most failures.
         result, taken = self._run(raw, experiment, _SHORT)
         possible = round(_SHORT * _PATIENCE / max(taken, 1e-6), 1)
         if possible >= MEANINGFUL:
             result, _ = self._run(raw, experiment, min(assumptions.DURATION + _REST, possible))
         trajectory, mobility = result.trajectory, self.mobility
-        steps_share = 1.0 if mobility.v2 else self._share
+        steps_share = 1.0 if mobility.v2 else self._share  # a bicycle keeps its speed: only the push is smaller
         motions = {name: step * steps_share for name, step in self._motions.items()}
         trial = worst_output(trajectory, motions, settles=mobility.lean is not None)
         found = run_findings(trial, trajectory, replace(mobility, travel=mobility.travel * steps_share), self.robot)
@@ -221,6 +227,7 @@ class ScenarioCandidate:
         """Lock joints without an actuator in the file that no constraint couples to others; mimic joints together."""
         mobility, groups = self.mobility, self._coupled_by_mimics
         free = uncoupled_joints(self.start, mobility.constraints, self.robot, self.start)
+        # A follower with a motor moves its leader: the group is loose only if all of it is.
         moved_together = (groups.get(name, {name}) for name in self._undriven)
         idle = {name for group in moved_together if group <= {*free} for name in group}
         loose = [name for name in self.start if name in idle]
@@ -242,6 +249,7 @@ class ScenarioCandidate:
         """Move the start of joints whose weight needs more than the efforts of the file."""
         mobility = self.mobility
         held = [name for name in self.start if name not in {*mobility.passive, *self._undriven}]
+        # In space nothing has weight, and feedback chooses its own equilibrium near the start.
         if mobility.weightless or mobility.feedback is not None:
             return
         loose = uncoupled_joints(held, mobility.constraints, self.robot, self.start)
@@ -264,7 +272,7 @@ class ScenarioCandidate:
         primary = [name for name in chosen.names if name not in mobility.untracked]
         view: dict[str, Json] = {"trail": [mobility.frame] if mobility.base != "fixed" else []}
         if mobility.ground is not None:
-            view["ground"] = round(mobility.ground, 4) + 0.0
+            view["ground"] = round(mobility.ground, 4) + 0.0  # no -0.0 in the file
         elif mobility.weightless:
             view["ground"] = None
         redundant = [name for name in chosen.names if name not in primary]
@@ -290,6 +298,7 @@ class ScenarioCandidate:
         chosen = assumptions.select_outputs(
             assumptions.output_candidates(mobility, self.robot, self.start), self.system, self.q0
         )
+        # An output has one role: a reducing one is not vertical, too.
         mobility.vertical = [entry for entry in mobility.vertical if entry not in chosen.entries]
         if mobility.feedback is not None:
             return chosen
@@ -317,6 +326,7 @@ class ScenarioCandidate:
     def _actuators(self, chosen: assumptions.ChosenOutputs) -> list[tuple[assumptions.Entry, str]]:
         """Actuator entries; joints without effort and forces on the base only if the others are not enough."""
         driving = self.candidates.named
+        # Feedback balances with fewer inputs than freedoms: rank tells nothing there.
         if self.mobility.feedback is None:
             driving = self.candidates.enough(self.system.reduce(chosen.kinds).at(self.q0).input_matrix)
         self._against = [str(each[0]) for each in driving if each in self.candidates.joints]

@@ -100,13 +100,14 @@ class Source:
             base: "fixed", "planar", "free", or None for the base of the file.
             lock: joints to lock, with their values [rad or m].
         """
-        while True:
+        while True:  # a mass given to one link shows the next joint that moves none
             try:
                 robot = self.load_unchanged(base, lock)
             except UselessInertia as error:
                 if not self._repair_inertias(error.joints):
                     raise
                 continue
+            # Carried links would hide it: the base itself would turn without inertia about its own axes.
             link = None if base in (None, "fixed") else _weightless_base(robot)
             if link is None or link in self.masses:
                 return robot
@@ -142,8 +143,9 @@ class Source:
             robot = self.load(base)
             return self.load(base) if self._lock_leaders(robot) else robot, False
         except ModelError as error:
-            if self.is_mjcf:
+            if self.is_mjcf:  # an MJCF has its base in the file
                 raise
+            # A URDF of one link has no joint at all; on a free base it has six.
             try:
                 robot = self.load_unchanged("free")
             except ModelError:
@@ -170,6 +172,7 @@ class Source:
         root = self._urdf
         if root is None:
             return FileNames(self.name)
+        # Plugins of sensors are named after cameras and lasers: they say nothing of the base.
         sensors = {id(each) for sensor in root.iter("sensor") for each in sensor.iter("plugin")}
         plugins = [value for each in root.iter("plugin") if id(each) not in sensors for value in each.attrib.values()]
         meshes = {
@@ -216,6 +219,7 @@ class Source:
             robot: the robot.
         """
         given = [each.resolve() for each in self.options.package_dirs]
+        # Packages of ROS_PACKAGE_PATH: the shell that runs the scenario may not have it.
         far = [each for each in robot.far_packages.values() if not {each, *each.parents} & set(given)]
         if given or far:
             folder = self._folder.resolve()
@@ -225,6 +229,7 @@ class Source:
         limited = [] if self._urdf is None else list(_stated_limits(self._urdf))
         still = {name: (low + high) / 2 for name, low, high in limited if 0 <= high - low < PLACED}
         movable = () if self._urdf is None else self._urdf.findall("joint")
+        # Equal limits everywhere are an exporter's zeros. On some joints only, they are meant.
         if still and len(still) == sum(joint.get("type") != "fixed" for joint in movable):
             self.notes.append("the file states no limits: lower and upper are equal for every joint")
             return
@@ -249,6 +254,7 @@ class Source:
         chosen = dict(self.options.lock or {})
         for mimic in [each for _ in robot.mimics for each in robot.mimics]:  # mimic joints can form chains
             joint, of, multiplier, offset = mimic
+            # The leader alone would move; the pair was meant to stand.
             if joint in chosen and of in robot.joint_names and of not in chosen and multiplier:
                 chosen[of] = new[of] = round((chosen[joint] - offset) / multiplier, 9) + 0.0
                 self.notes.append(f"locked together with {joint}, which mimics it: {of}")
@@ -265,6 +271,7 @@ class Source:
     def _repair_inertias(self, joints: Sequence[Massless]) -> bool:
         """Give links a mass, or lock joints without any child mass or shape; return True if something changed."""
         base = "root_joint"  # a massless base gets a mass; it is not locked
+        # Without mass and shape, a joint moves a frame: it is locked. With a shape, somebody forgot the mass.
         idle = [each.joint for each in joints if each.idle and not each.shaped and each.joint != base]
         given = {link: mass for each in joints if each.joint not in idle for link, mass in each.masses.items()}
         new = {link: mass for link, mass in given.items() if link not in self.masses}
@@ -312,6 +319,7 @@ def _entry(source: str, folder: Path) -> dict[str, Json]:
         if path.suffix in (".yaml", ".yml"):
             raise ModelError(f"{path}: that is a scenario, not a robot: run it with: rnc-pin run {shlex.quote(source)}")
         relative = os.path.relpath(path.resolve(), folder.resolve())
+        # The root element and not the ending tells: both formats end in .xml.
         if path.suffix == ".xacro" or parse_xml(path).tag != "mujoco":
             return {"urdf": relative}
         return {"mjcf": relative}

@@ -49,6 +49,7 @@ def uncoupled_joints(
         robot: the robot.
         start: values of its joints with one degree of freedom.
     """
+    # At the start: a row may be zero for a joint elsewhere, but rows of wheels and loops are not zero by chance here.
     position = Kinematics(robot).position(robot.configuration(start))
     coupled = np.zeros(robot.nv, dtype=bool)
     kept: set[object] = set()
@@ -85,7 +86,7 @@ def keep_within_loops(
     of_reach = 0.8  # share of the reach of a loop that a reference uses
     for row, name in enumerate(chosen.names):
         usual = chosen.steps[row]
-        if name not in coupled or not usual:
+        if name not in coupled or not usual:  # limits of other joints are kept by their own step
             continue
         # Most robots have no loop: the model is reduced for the first one.
         reduced = reduced or system.reduce(chosen.kinds)
@@ -119,6 +120,7 @@ def _reach(reduced: ReducedModel, q: np.ndarray, row: int, step: float) -> _Reac
     limits = [(name, robot.model.joints[robot.joint_id(name)].idx_q, joint_limits(robot, name)) for name in joints]
     slowest = np.inf
     start, column = q, robot.velocity_indices(reduced.reducing.names[row]).start
+    # Rates of a loop grow about as 1 / sin of the angle to its dead centre: a factor 3 is 20 degrees away from it.
     faster = 3.0  # growth of the fastest rate of a loop that counts as its dead centre
     beside = 0.3  # largest correction of a step that follows a loop, as a share of the step: beyond, it jumps
     for _ in range(_STEPS):
@@ -161,6 +163,7 @@ def start_values(robot: Robot) -> _Values:
             continue
         (low, high), (first, last) = joint_range(robot, name), _inner_range(robot, name)
         inside = round(float(min(max(0.0, first), last)), 4) + 0.0
+        # Zero first: a file draws its robot there, so that shapes and wheels are where they are read.
         start[name] = inside if low <= 0.0 <= high else _middle(robot, name)
     start = _with_mimics(robot, start)
     with suppress(RncError):  # loops that cannot be closed are an error of the draft
@@ -179,7 +182,7 @@ def _inner_range(robot: Robot, name: str) -> tuple[float, float]:
 def _middle(robot: Robot, name: str) -> float:
     """Middle of the limits of a joint and its mimic joints [rad or m]; without two finite limits, the nearest to 0."""
     low, high = joint_range(robot, name)
-    if low > high:
+    if low > high:  # limits of mimic joints contradict its own, which count then
         low, high = joint_limits(robot, name)
     if np.isfinite(high - low):
         return round((low + high) / 2, 4)
@@ -209,11 +212,12 @@ def _closed(robot: Robot, start: _Values) -> _Values:
     coupled = [name for name in start if name not in loose]
     system = NonholonomicSystem(robot, [constraint_of(entry) for entry, _ in loops])
     closed = 1e-4  # largest gap of a loop that counts as rounding in the file [m or rad], as at the start of a run
-    for drawn in ({}, robot.references):
+    for drawn in ({}, robot.references):  # references: joint values of an MJCF at which its bodies are drawn
         values = _with_mimics(robot, {**start, **{name: drawn.get(name, 0.0) for name in coupled}})
         inside = all(low <= values[name] <= high for name in coupled for low, high in [joint_limits(robot, name)])
         if inside and np.abs(system.assembly.residual(robot.configuration(values))).max() < closed:
             return values
+    # From the middle, the way to a limit is longest on both sides.
     targets: dict[OutputTarget, float] = {output_of({"joint": name}): _middle(robot, name) for name in coupled}
     found = solve_ik(system.reduce(), robot.configuration(start), targets, hold=loose)
     if found.holonomic_residual > 1e-9:  # a solution is exact up to rounding, or none
@@ -242,6 +246,7 @@ def with_regular_inertia(robot: Robot, start: Mapping[str, float]) -> tuple[_Val
         if _smallest_eigenvalue(robot, values) > singular:
             break
         moved = {name: {**values, name: _aside(robot, name, values[name])} for name in values}
+        # One joint at a time, the best of all: most starts become regular with the first one.
         name = max(moved, key=lambda each: _smallest_eigenvalue(robot, moved[each]))
         values = moved[name]
         notes.append(f"{name} starts at {values[name]:g}: at its default value two joint axes coincide")
@@ -281,7 +286,7 @@ def with_bearable_loads(robot: Robot, start: Mapping[str, float], joints: Collec
     if (_loads(robot, values, limits) <= 1.0).all():
         return values, []
     bearable = 0.8  # largest share of an effort limit that the weight takes at the start: the rest is for the motion
-    for _ in limits:
+    for _ in limits:  # coordinate descent: the load of a joint depends on all behind it
         tried = [(name, value) for name in limits for value in _values_around(robot, name, values[name])]
         beyond = [_loads(robot, {**values, name: value}, limits) - bearable for name, value in tried]
         overloads = [float((np.maximum(each, 0.0) ** 2).sum()) for each in beyond]
@@ -307,6 +312,7 @@ def is_loaded(robot: Robot, q: np.ndarray, joints: Collection[str]) -> bool:
     model, data = robot.model, robot.model.createData()
     pin.computeSubtreeMasses(model, data)
     rows = [robot.velocity_indices(name).start for name in joints]
+    # Relative to the weight behind the joint, so that a small gripper counts as a heavy arm does.
     weights = [data.mass[robot.joint_id(name)] for name in joints]
     lever = 1e-4  # gravity loads a joint above this lever arm of the weight behind it [m]; for a slide, share of it
     least = np.maximum(np.linalg.norm(model.gravity.linear) * lever * np.array(weights), 1e-6)

@@ -110,7 +110,9 @@ def worst_output(trajectory: Trajectory, motions: Mapping[str, float], *, settle
     little = 0.5  # motion assumed for an output with a constant reference, as a share of the largest motion
     settled = 0.1  # final share of a run whose errors count for a balancing controller
     for name, error in errors.items():
+        # A balancing robot first goes the other way, to lean: its errors count when it has come to rest.
         first = int((1 - settled) * len(error)) if settles else 0
+        # Infinite errors become large numbers, which compare; a NaN is no motion at all.
         worst = float(np.nan_to_num(np.abs(error[first:])).max(initial=0.0))
         trials.append(Trial(duration, name, worst, abs(motions[name]) or little * largest))
     return max(trials, key=lambda each: each.relative_error)
@@ -146,6 +148,7 @@ def model_findings(
         against: passive joints that are driven, because the other actuators are not enough.
     """
     found = [_model(where, amount, Severity.DEGRADES, message) for where, amount, message in mobility.doubts]
+    # A base on wheels has to drive; an arm may have rows and joints that a user judges better.
     severity = Severity.FAILS if mobility.travel else Severity.DEGRADES
     if system.nearly_dependent_rows:
         rows = few(system.nearly_dependent_rows)
@@ -157,6 +160,7 @@ def model_findings(
     if not 0.002 < typical < 5.0:  # [m]: other radii are probably in other units
         message = f"its wheels have a radius of {typical:g} m: lengths in a robot's file are in metres"
         found.append(_model(mobility.frame, typical, Severity.DEGRADES, message))
+    # Outputs of joints are always among its motions: only a speed or a pose tells that the base is free.
     given = [entry for entry, step in mobility.outputs if step and "joint" not in entry]
     if mobility.travel and given and not any(entry in given for entry in chosen):
         message = "its constraints lock the base: no speed of the base is among its motions"
@@ -185,6 +189,7 @@ def run_findings(trial: Trial, trajectory: Trajectory, mobility: BaseAssumptions
     # A short trial sees only the slow beginning of a minimum-jerk motion.
     asked = mobility.travel * _share(trial.duration / DURATION, steady=bool(mobility.v2))
     if asked and trial.duration >= MEANINGFUL:
+        # Errors of its outputs may be small while the base stands: wheels that spin follow their angles.
         path = frame_poses(robot, mobility.frame, trajectory.q).planar[:, :2]
         moved = float(np.linalg.norm(path - path[0], axis=1).max())
         enough = 0.5  # smallest share of the displacement that was asked for
@@ -193,6 +198,7 @@ def run_findings(trial: Trial, trajectory: Trajectory, mobility: BaseAssumptions
             missing = asked - moved
             found.append(Finding(FindingKind.GOAL, mobility.frame, missing, "m", None, Severity.FAILS, message))
     said = [each for each in trajectory.verdict.findings if each.kind in _OF_RUN and each.severity is not Severity.NOTE]
+    # Limits and collisions may be mistakes of the file: no reason for another kind of base.
     return [*found, *(replace(each, severity=Severity.DEGRADES) for each in said)]
 
 
@@ -206,11 +212,13 @@ def kept_share(trajectory: Trajectory, replay: LimitReplay, *, at_rest: bool) ->
         replay: its use of limits.
         at_rest: True if it starts at rest, so that its first efforts are those at rest.
     """
+    # The first sample stands at the start, before the reference moves.
     resting = dict(zip(trajectory.info.outputs.T, np.abs(trajectory.T[0]), strict=True)) if at_rest else {}
     share = 1.0
     spared = 0.9  # share of a limit that a reduced motion aims at
     for use in replay.violations:
         rest = float(resting.get(use.name, 0.0)) if use.kind == "effort" else 0.0
+        # If the weight alone is beyond the limit, no smaller motion helps.
         if use.kind in ("velocity", "effort") and use.limit > rest:
             share = min(share, spared * (use.limit - rest) / (abs(use.value) - rest))
     return share

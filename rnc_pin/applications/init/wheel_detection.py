@@ -144,6 +144,7 @@ class Wheel:
             other: the other wheel.
         """
         beside = across(self.center - other.center, other.axle)
+        # Before it is measured, a wheel has no radius: then 3 mm count, whatever its size.
         is_parallel = np.linalg.norm(np.cross(self.axle, other.axle)) < ALIGNED
         return bool(is_parallel and np.linalg.norm(beside) < placed(other.radius or np.inf))
 
@@ -175,6 +176,7 @@ class WheelSearch:
     def __init__(self, at_start: RobotAtStart) -> None:
         self._at_start, self._model, self._data = at_start, at_start.robot.model, at_start.data
         candidates = list(self._candidates())
+        # A file without its package of meshes: two bodies that turn on and on about one axle are probably wheels.
         lost = set[int]().union(*(joints_without_mesh(at_start.robot, kind) for kind in GEOMETRY))
         unseen = [
             each
@@ -189,14 +191,16 @@ class WheelSearch:
         self.virtual = self._virtual_joints([each for each in candidates if self._parts(each)])
         found, named = self._measured([each for each in candidates if each.joint not in self.virtual])
         standing = self._on_the_ground(found)
+        # Measured wheels first: they tell the ground for the others.
         ground = min((wheel.center[2] - wheel.radius for wheel in standing), default=0.0)
         for each in named if standing else ():  # their radius is their height above the common ground
             height = float(each.center[2] - ground)
             if _is_plausible(height) and height < 2 * max(wheel.radius for wheel in standing):
                 standing.append(self._sized(each, height, ground, "height"))
+        # A round body that carries a wheel is a rocker or a hub that happens to reach down.
         carriers = {joint for wheel in standing for joint in wheel.carriers}
         self.standing = [wheel for wheel in standing if wheel.joint not in carriers]
-        in_plane = 3  # smallest number of wheels on the ground in the plane of a sprocket
+        in_plane = 3  # smallest number of wheels on the ground in the plane of a sprocket: fewer carry no track
         at_ground = {wheel.joint for wheel in self.standing}
         self.raised = [
             other
@@ -212,6 +216,7 @@ class WheelSearch:
         own = {self._model.getJointId(wheel.joint) for wheel in self.standing}
         others = [shape.bottom for every in self._at_start.shapes.values() for shape in every if shape.joint not in own]
         lowest = min(others, default=np.inf)
+        # One that is lower is enough: a boat has none, and legs reach as low as wheels.
         return any(
             wheel.is_shaped and wheel.center[2] - wheel.radius < lowest - ALIGNED * wheel.radius
             for wheel in self.standing
@@ -228,6 +233,7 @@ class WheelSearch:
                 continue
             joint, axle = str(model.names[index]), turning_axis(model, self._data, index)
             frame, center = self._on_axle(index, axle)
+            # A name of the joint or of any link on it: exporters name the joint "joint_3" and the link "left_wheel".
             links = self._at_start.robot.links_of(index)
             named = any(has_word(_WHEEL, name) and not has_word(_NO_WHEEL, name) for name in (joint, *links))
             rollers = [int(each) for each in model.children[index]]
@@ -236,7 +242,9 @@ class WheelSearch:
                     continue
                 rollers = []  # a named wheel can carry gears and hubs
             travel = float(np.ptp(joint_limits(self._at_start.robot, joint)))
+            # Simulators want limits, so wheels have some; 0.1 % covers files that write 12.56.
             once = not named and travel <= (1 + SAME) * turns
+            # A slide has no axle; an upright one is a pivot; what does not turn round once does not roll.
             if np.linalg.norm(axle) < 0.5 or abs(axle[2]) > LEVEL or (once and travel < _ROUND):
                 continue
             lever = self._data.oMi[index].rotation @ model.inertias[index].lever
@@ -283,12 +291,14 @@ class WheelSearch:
     def _virtual_joints(self, wheels: Sequence[Wheel]) -> list[str]:
         model = self._model
         shaped = {shape.joint for every in self._at_start.shapes.values() for shape in every}
+        # A lost mesh is a shape, too: such a joint moves something that this computer does not have.
         shaped = shaped.union(*(joints_without_mesh(self._at_start.robot, kind) for kind in GEOMETRY))
         masses = (float(model.inertias[model.getJointId(each.joint)].mass) for each in wheels)
         virtual = 0.01 * min(masses, default=0.0)  # largest mass of a virtual wheel, as a share of that of a wheel
         found = []
         for joint in range(self._at_start.root + 1, model.njoints):
             behind = [int(each) for each in model.subtrees[joint]]
+            # At an axle's height: massless frames of cameras and tools stay as they are.
             level = any(abs(self._data.oMi[joint].translation[2] - each.center[2]) < PLACED for each in wheels)
             mass = sum(model.inertias[each].mass for each in behind)
             if level and model.joints[joint].nv == 1 and not shaped & {*behind} and mass < virtual:
@@ -306,16 +316,18 @@ class WheelSearch:
         for candidate in (each for each in candidates if each.joint not in rollers):
             wheel = self._with_radius(candidate)
             if wheel is not None:
+                # A doubtful name needs a shape: an inertia is round for motors and pulleys, too.
                 doubtful = wheel.is_doubtful or wheel.turns_once
                 found += [replace(wheel, is_doubtful=doubtful)] if wheel.is_shaped or not doubtful else []
             elif candidate.is_named:
                 named.append(candidate)
             elif not self._parts(candidate):
                 bare.append(candidate)
-        for candidate in bare:
+        for candidate in bare:  # of a pair, a file may draw one wheel only
             mate = next((each for each in found if self._are_mates(candidate, each)), None)
             if mate is not None:
                 found.append(self._sized(candidate, mate.radius, float(candidate.center[2]) - mate.radius, "height"))
+        # Two equal disks side by side are no wrists, although each turns only once.
         pairs = {one.joint for one, other in itertools.permutations(found, 2) if one.is_like(other)}
         return [replace(each, is_doubtful=False) if each.joint in pairs else each for each in found], named
 
@@ -334,19 +346,22 @@ class WheelSearch:
         """
         widest = 8.0  # largest width of a wheel, in radii
         every = self._parts(candidate)
-        for kind, parts in every.items():
+        for kind, parts in every.items():  # collision geometry first: a wheel rolls on it in other simulators
             disk = fitted_disk(parts, candidate.center, candidate.axle)
             if disk is not None and disk.width < widest * disk.radius:
                 is_ball = all(len(part.points) == 1 for part in parts)
                 sized = self._sized(candidate, disk.radius, disk.bottom, kind)
                 return replace(sized, is_ball=is_ball, width=disk.width)
         spun = self._radius_from_inertia(candidate)
+        # Shapes that form no disk speak against a wheel, unless its name is one.
         if not candidate.is_named and (spun is None or every):
             return None
         floor, axle_height = self._floor, float(candidate.center[2])
         height = axle_height - (floor or 0.0)
+        # A footprint frame lies on the ground by REP 105, so that this height is the radius.
         if floor is not None and _is_plausible(height):
             return self._sized(candidate, height, floor, "height")
+        # A factor sqrt(2) separates a disk from a hoop of equal inertia: within it, the height is the better number.
         if spun is not None and not (_is_plausible(height) and 0.7 < height / spun < 1.4):
             return self._sized(candidate, spun, axle_height - spun, "inertia")
         return self._sized(candidate, height, 0.0, "height") if _is_plausible(height) else None
@@ -364,9 +379,11 @@ class WheelSearch:
             return None
         axle, tensor = self._data.oMi[joint].rotation.T @ candidate.axle, inertia.inertia
         about = float(axle @ tensor @ axle)
+        # Without the axle's own moment, an axisymmetric tensor has two equal eigenvalues beside a zero.
         moments = np.linalg.eigvalsh(tensor - about * np.outer(axle, axle))
         moments = np.delete(moments, int(np.argmin(np.abs(moments))))  # moments about axes normal to the axle
-        radius = float(np.sqrt(max(2 * about / inertia.mass, 0.0)))
+        radius = float(np.sqrt(max(2 * about / inertia.mass, 0.0)))  # of a solid disk: I = m r^2 / 2
+        # 15 %: valves and spokes; the center of mass of a link that only hangs on the axle is far beside it.
         is_round = moments[0] > 0 and moments[1] < 1.15 * moments[0] and candidate.imbalance < 0.2 * radius
         return radius if is_round and _is_plausible(radius) else None
 
@@ -390,19 +407,21 @@ class WheelSearch:
             ground = min(each.bottom for each in (*sure, *unnamed))
             lowest = min((shape.bottom for shape in shapes), default=ground)
             level = sum(each.touches(ground) for each in sure)  # a fork or a skirt can be lower than two wheels
+            # Where something reaches deeper by a diameter, the machine does not stand on these wheels.
             if level < 2 and lowest < ground - 2 * max(each.radius for each in sure):
                 return []  # named wheels, but above the ground
         else:
             bottoms = [shape.bottom for shape in shapes if shape.joint <= self._at_start.root]
             ground = min([*bottoms, *(each.bottom for each in found if not each.is_doubtful)], default=0.0)
         standing = [each for each in found if each.touches(ground)]
+        # Gears and pulleys at the ground count beside wheels only.
         return standing if any(not each.is_doubtful for each in standing) else []
 
     def _carried(self, wheel: Wheel, joint: int) -> Wheel:
         """Return a wheel with the pivots and other carriers between it and the base, from a joint on."""
         data, pivots, carriers, apart = self._data, list[Pivot](), list[str](), 0.0
         steers = 0.5  # smallest vertical part of a unit swivel axis: forks lean, those of choppers by 50 degrees
-        while joint > self._at_start.root and self._model.joints[joint].nv == 1:
+        while joint > self._at_start.root and self._model.joints[joint].nv == 1:  # from the wheel up to the base
             name, axis = str(self._model.names[joint]), turning_axis(self._model, data, joint)
             point = data.oMi[joint].translation.copy()
             parallel = axis.any() and np.abs(across(axis, wheel.axle)).max() < ALIGNED
@@ -430,7 +449,8 @@ class WheelSearch:
             level = one.bottom - self._at_start.ground < NEAR * radius
             aligned = apart > radius and abs(between @ one.axis) > (1 - 0.5 * ALIGNED) * apart
             equal = one.joint == other.joint and abs(radius - other.radius) <= 0.1 * radius
-            if one.name < other.name and level and aligned and equal:
+            if one.name < other.name and level and aligned and equal:  # each pair once
+                # Midway: there the knife edge of both stands.
                 center = (one.middle + other.middle) / 2
                 wheel = self._drawn(one.joint, radius, center, one.axis, max(PLACED, 0.2 * radius))
                 if wheel is not None and all(wheel.frame != each.frame for each in axles):
@@ -445,6 +465,7 @@ class WheelSearch:
         """
         model = self._model
         ground = min((each.center[2] - each.radius for each in wheels), default=self._at_start.ground)
+        # A hub that carries a rolling wheel has a disk at the ground, too.
         rolling = {int(each) for wheel in wheels for each in model.supports[model.getJointId(wheel.joint)]}
         found: dict[int, Wheel] = {}
         for shape in (each for kind in GEOMETRY for each in self._at_start.shapes[kind]):
@@ -454,6 +475,7 @@ class WheelSearch:
             if abs(turning_axis(model, self._data, index)[2]) < 1 - ALIGNED:
                 continue
             center = (shape.points.min(axis=0) + shape.points.max(axis=0)) / 2
+            # A mesh does not tell its axle: each axis of the joint's frame is tried.
             for axle in (shape.axis,) if shape.axis.any() else self._data.oMi[index].rotation.T:
                 disk = fitted_disk([shape], center, axle) if abs(axle[2]) < LEVEL else None
                 if disk and disk.width < 1.5 * disk.radius and abs(disk.bottom - ground) < NEAR * disk.radius:
@@ -465,7 +487,7 @@ class WheelSearch:
     def crossed(self) -> list[str]:
         """Joints with a horizontal axis across that of the disk on the ground that they turn: mistakes of a file."""
         model, crossed = self._model, []
-        most = 0.1  # cosine of two axes that are across each other
+        most = 0.1  # cosine of two axes that are across each other: 84 to 90 degrees
         for shape in self._at_start.drawn:
             joint = shape.joint
             if joint <= self._at_start.root or model.joints[joint].nv != 1 or not shape.is_disk:
@@ -486,6 +508,7 @@ class WheelSearch:
         bare = Wheel(str(self._model.names[joint]), frame, center, axle, radius, measured="visual")
         wheel, placement = self._carried(bare, joint), self._data.oMf[self._at_start.robot.frame_id(frame)]
         ahead = float((center - placement.translation) @ wheel.heading)
+        # Only the part along the heading: beside and above, a knife edge has the same row.
         at: list[Json] = [round(float(each), 6) + 0.0 for each in placement.rotation.T @ (ahead * wheel.heading)]
         edge: dict[str, Json] = {"frame": frame, "axis": axis}
         return replace(wheel, edge={**edge, "at": at} if abs(ahead) > placed(radius) else edge)

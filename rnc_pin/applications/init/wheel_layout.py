@@ -35,6 +35,7 @@ class WheelGroup:
     @property
     def is_lone(self) -> bool:
         """True for one wheel, or for twin wheels side by side."""
+        # 2.5 radii: two wheels of one diameter with a gap between them. An axle of a trailer is wider.
         widest = max(np.linalg.norm(each.center - self.wheels[0].center) for each in self.wheels)
         return bool(widest < 2.5 * self.wheels[0].radius) and len(self.wheels) <= 2
 
@@ -85,6 +86,7 @@ class WheelLayout:
     def wheels(self) -> list[Wheel]:
         """All wheels."""
         carried = [wheel for each in (*self.casters, *self.steered, *self.trailers) for wheel in each.wheels]
+        # ``sliding`` wheels are among the fixed ones; ``raised`` ones do not stand on the ground.
         return [*self.fixed, *self.balls, *carried]
 
     @property
@@ -119,6 +121,7 @@ class WheelLayout:
     def guide(self) -> list[Wheel]:
         """Fixed axle nearest to the middle of all: a base with steered wheels turns about a point of its line."""
         axles = self.axles
+        # Not the first axle of the file: the middle one skids least in a turn, in whatever order they are written.
         distances = [abs(float((axle[0].center - self.middle) @ axle[0].heading)) for axle in axles]
         return axles[first_smallest(distances, placed(axles[0][0].radius))]
 
@@ -128,9 +131,9 @@ class WheelLayout:
         if self.fixed or self.trailers or len(self.steered) != 1:
             return False
         wheels = self.steered[0].wheels
-        return (
-            len(wheels) > 1 and len(in_line(wheels)) == 1 and all(each.joint in self.driven.joints for each in wheels)
-        )
+        # One wheel, or two on different lines, would be a caster or a bogie: only an axle turns by its two motors.
+        is_axle = len(wheels) > 1 and len(in_line(wheels)) == 1
+        return is_axle and all(each.joint in self.driven.joints for each in wheels)
 
     @property
     def is_swerve(self) -> bool:
@@ -139,6 +142,7 @@ class WheelLayout:
             return False
         wheels = [each.wheels[0] for each in self.steered]
         driven = [each.joint in self.driven.joints or each.edge is not None for each in wheels]
+        # One driven wheel is a tricycle with a second wheel that only steers.
         return sum(driven) > 1 and all(are_parallel(wheels[0], each) for each in wheels)
 
     @property
@@ -150,6 +154,7 @@ class WheelLayout:
         if len(self.steered[0].wheels) != 1 or not (rear.can_lean and front.can_lean and are_parallel(rear, front)):
             return False
         between = front.center - rear.center
+        # The wheels may be aside by a third of their distance, 1.05 = 1 / cos(18 degrees), as in a rough drawing.
         along = abs(float(between @ rear.heading))
         return bool(np.linalg.norm(between[:2]) < 1.05 * along and along > 0.8 * rear.radius)
 
@@ -210,13 +215,16 @@ def classify_wheels(
     others = any(not wheel.is_ball for wheel in wheels)  # if all are spheres, the file draws its wheels as spheres
     for wheel in on_base:
         slides = others or has_word(f"{_CASTER}|ball|support", *wheel.names)
+        # A ball with a motor is a wheel.
         glides = wheel.is_ball and slides and drives.says(wheel.joint) is not True
         (result.balls if glides or _is_caster_across(wheel, on_base, drives) else result.fixed).append(wheel)
     groups: dict[str, list[Wheel]] = {}
+    # By the pivot next to the wheel: twin wheels on one pivot are one caster, or one axle of a trailer.
     for wheel in (each for each in wheels if each.pivots):
         groups.setdefault(wheel.pivots[0].joint, []).append(wheel)
     for group in groups.values():
         balls = [each for each in group if each.is_ball and drives.says(each.joint) is not True]
+        # Balls beside wheels on a turret support it; alone, a ball may be the wheel of a caster.
         if len(balls) < len(group):
             result.balls += balls
             group[:] = [each for each in group if all(each is not ball for ball in balls)]
@@ -226,13 +234,15 @@ def classify_wheels(
         _others_like(carriage, result, drives, is_paired).append(carriage)
     named = [each for each in result.casters if has_word(_CASTER, each.pivot.joint, *each.wheels[0].names)]
     aimed = [each for each in result.casters if drives.says(each.pivot.joint) is False]
+    # A base on casters alone would not move. Where no word and no list of motors calls them casters, they are steered.
     if not result.fixed and not result.steered and result.casters and not named and not aimed:
-        result.steered, result.casters = result.casters, []  # without other wheels
+        result.steered, result.casters = result.casters, []
     _straighten_towed(result)
-    result.raised = [] if result.steered else [*raised]
+    result.raised = [] if result.steered else [*raised]  # vehicles on tracks do not steer wheels
     rollers = {wheel.joint for wheel in sliding}
     if any(wheel.joint not in rollers for wheel in result.fixed):
         result.sliding = [wheel for wheel in result.fixed if wheel.joint in rollers]
+    # Wheels that slide on their rollers are not the usual drives; a base has others, unless all slide.
     usual = [wheel for axle in result.axles for wheel in axle if wheel.edge is None] or result.motorized
     result.driven = drives.driven_of([each.joint for each in result.motorized], [each.joint for each in usual])
     return result
@@ -241,17 +251,19 @@ def classify_wheels(
 def _is_caster_across(wheel: Wheel, on_base: Iterable[Wheel], drives: DriveEvidence) -> bool:
     """True if an undriven wheel stands across all others: a ball caster of which the file draws one axis."""
     others = [each for each in on_base if each.joint != wheel.joint and not are_parallel(each, wheel)]
+    # An effort of 0 tells something only beside others: many files write 0 everywhere.
     is_weak = drives.efforts.get(wheel.joint) == 0 and all(drives.efforts.get(each.joint) for each in others)
     is_idle = wheel.joint in drives.passive or is_weak or has_word(_CASTER, *wheel.names)
     if drives.says(wheel.joint) or not is_idle:
         return False
+    # Three wheels with three headings are omni wheels, not an axle and a caster.
     return len(others) > 1 and all(are_parallel(others[0], each) for each in others)
 
 
 def _straighten_towed(layout: WheelLayout) -> None:
     """Hold steered axles of towed bodies straight if the base has an axle of its own."""
     own = [each for each in layout.steered if each.depth == 1]
-    if not (own or layout.fixed):
+    if not (own or layout.fixed):  # then nothing else guides the base: steered drives of carts under a load
         return
     for each in [each for each in layout.steered if each.depth > 1]:
         layout.steered.remove(each)
@@ -267,9 +279,8 @@ def _straighten_towed(layout: WheelLayout) -> None:
 def _are_knuckles(one: WheelGroup, other: WheelGroup) -> bool:
     """True if two single wheels of one axle line have a pivot each on the same body, as those of a car."""
     above = [[pivot.joint for pivot in each.wheels[0].pivots[1:]] for each in (one, other)]
-    return (
-        above[0] == above[1] and one.is_lone and other.is_lone and len(in_line((one.wheels[0], other.wheels[0]))) == 1
-    )
+    single = above[0] == above[1] and one.is_lone and other.is_lone
+    return single and len(in_line((one.wheels[0], other.wheels[0]))) == 1
 
 
 def _others_like(carriage: WheelGroup, layout: WheelLayout, drives: DriveEvidence, is_paired: bool) -> list[WheelGroup]:
@@ -279,6 +290,7 @@ def _others_like(carriage: WheelGroup, layout: WheelLayout, drives: DriveEvidenc
     """
     pivot, radius, names = carriage.pivot, carriage.wheels[0].radius, (carriage.pivot.joint, *carriage.wheels[0].names)
     follows = carriage.follows and pivot.is_continuous
+    # What the user and the file say of the motor counts before all words and lengths.
     if pivot.joint in drives.passive:
         return layout.casters if carriage.is_lone else layout.trailers
     if drives.says(pivot.joint):
@@ -293,4 +305,5 @@ def _others_like(carriage: WheelGroup, layout: WheelLayout, drives: DriveEvidenc
     axle = 1.0  # smallest such distance of several wheels on one pivot that carry a trailer, in radii
     if not carriage.is_lone:
         return layout.trailers if carriage.trail > axle * radius else layout.steered
+    # A wheel below its pivot does not align itself; a fork with limits is one that somebody turns.
     return layout.casters if follows else layout.steered

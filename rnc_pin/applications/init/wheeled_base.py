@@ -19,9 +19,6 @@ from rnc_pin.io import Json
 def wheeled_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
     """Base on one or more axles, with steered wheels, casters, trailers or tracks.
 
-    Each axle line has one lateral row, because wheels of a file are never on one line exactly: two nearly equal rows
-    would lock the base. The other wheels of the line skid within the tolerance of the file.
-
     Args:
         layout: wheels by their function.
         at_start: the robot.
@@ -61,8 +58,10 @@ def add_wheel_motors(result: BaseAssumptions, layout: WheelLayout, at_start: Rob
     wheels = [wheel.joint for wheel in layout.motorized]
     if not wheels:
         return
+    # A driver that is no wheel, such as a gear above, has its own entry among the joints.
     drivers = {joint: at_start.driver(joint) for joint in wheels if at_start.driver(joint) in wheels}
     own = [joint for joint in wheels if drivers.get(joint, joint) == joint]
+    # Two wheels on one motor are one input: two would fight each other.
     motors = dict.fromkeys(drivers.get(joint, joint) for joint in layout.driven.joints)
     driven = replace(layout.driven, joints=tuple(motors))
     idle = [joint for joint in own if joint not in driven.joints]
@@ -109,6 +108,7 @@ def planar(at_start: RobotAtStart, kind: str, wheels: list[Wheel]) -> BaseAssump
         result.notes.append(f"a planar base replaces the file's own {', '.join(at_start.own_joint)}")
     elif at_start.root and not at_start.is_rigid:
         result.base = "fixed" if at_start.is_urdf else "planar"
+    # The median: one wheel whose radius was read wrongly does not move the ground.
     result.ground = median(float(wheel.center[2] - wheel.radius) for wheel in wheels) if wheels else None
     return result
 
@@ -122,10 +122,12 @@ def planar_on_wheels(layout: WheelLayout, at_start: RobotAtStart, kind: str) -> 
         kind: description of the base.
     """
     result = planar(at_start, kind, layout.wheels)
+    # A planar base keeps its height, so a suspension would take wheels off their rows.
     result.lock_carriers(layout.wheels)
     if drawn := [wheel.frame for wheel in layout.wheels if wheel.edge is not None]:
         said = "no joint turns these wheels about their axles, so that they are knife edges"
         result.notes.append(f"{said}: {few(drawn)}")
+    # A ball slides where it does not roll, so it has no row, and its joint about one axis is only a drawing.
     gliding = [wheel.joint for wheel in layout.balls]
     result.hold(gliding, "ball casters slide, so that they are locked and only drawn")
     result.passive |= {dolly for dolly in layout.dollies if not at_start.drives.says(dolly)}
@@ -146,7 +148,7 @@ def knife_edge_base(axles: list[Wheel], drawn: WheelLayout, at_start: RobotAtSta
     result = planar(at_start, f"wheels are drawn on {count}, and no joint turns them", [])
     result.notes.append("wheels are not joints of this file, so that axles are taken as knife edges: no side slip")
     bodies = list(dict.fromkeys(each.joint for each in axles))
-    for body in bodies:
+    for body in bodies:  # one row each: two parallel edges of one body would allow no turn
         there = [each for each in axles if each.joint == body]
         edge = there[0].edge
         if len(there) > 1:
@@ -155,6 +157,7 @@ def knife_edge_base(axles: list[Wheel], drawn: WheelLayout, at_start: RobotAtSta
             result.notes.append(f"{len(there)} axles of one body cannot all roll in a turn: MEASURE where it turns")
         result.constraints.append(({"no_side_slip": edge}, "knife edge"))
     carriers = [at_start.carrier(group.pivot.joint) for group in drawn.steered]
+    # The truck of a semitrailer drives, although the tree of the file may begin at the trailer.
     own = [each for each in axles if each.joint in carriers]
     own = own or [each for each in axles if each.joint == at_start.root_joint] or axles[:1]
     steered = [group for group, carrier in zip(drawn.steered, carriers, strict=True) if carrier == own[0].joint]
@@ -167,7 +170,7 @@ def knife_edge_base(axles: list[Wheel], drawn: WheelLayout, at_start: RobotAtSta
         result.passive |= {pivot.joint for each in axles for pivot in each.pivots}  # hitches
         _steer(result, WheelLayout(fixed=own[:1], steered=steered), at_start)
     else:
-        if len(bodies) == 1:
+        if len(bodies) == 1:  # joints between several bodies turn them
             result.act("torque", "z", "turns the base")
         result.outputs.append(({"frame_yaw": result.frame}, TURNED))
     support_by_casters(result, drawn)
@@ -201,6 +204,7 @@ def _roll(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart) 
     """Add fixed wheels: one axle, or an equivalent one midway, has no side slip; the others skid in a turn."""
     axles, guide = layout.axles, layout.guide
     if len(axles) > 1:
+        # Wheels skid about the middle of all contacts; an axle nearer to it than a tenth of a radius can stand for it.
         away = abs(float((guide[0].center - layout.middle) @ guide[0].heading))
         if not layout.steered and away >= 0.1 * guide[0].radius:
             guide = []
@@ -211,6 +215,8 @@ def _roll(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart) 
             + (f"the axle of {', '.join(wheel.joint for wheel in guide)}" if guide else "an equivalent axle midway")
             + "; if these are Mecanum or omni wheels, give each its roller instead of lateral"
         )
+    # One lateral row for each axle line that guides: wheels of a file are never on one line exactly, and two nearly
+    # equal rows would lock the base. The other wheels of the line skid within the tolerance of the file.
     for axle in axles:
         guides = bool(guide) and axle[0] is guide[0]
         result.roll_line(axle, "" if guides else "skids sideways", lateral=guides)
@@ -229,6 +235,7 @@ def tracks(layout: WheelLayout) -> list[list[Wheel]]:
     wheels = layout.fixed
     of_track, many = 3, 5  # smallest number of wheels of a track: called so, or of any name
     sides: dict[bool, list[Wheel]] = {}
+    # Where each wheel has a motor that the file names, no band is needed to drive it.
     all_named = layout.driven.confidence >= SURE and len(layout.driven.joints) == len(layout.motorized)
     if layout.steered or len(wheels) < 2 * of_track or all_named:
         return []
@@ -236,6 +243,7 @@ def tracks(layout: WheelLayout) -> list[list[Wheel]]:
         sides.setdefault(_is_left(wheel, layout), []).append(wheel)
     track_words = "track|crawler|idler|sprocket|bogie|road|roadwheel|caterpillar|band|belt"
     called = all(has_word(track_words, *wheel.names) for wheel in wheels)
+    # A sprocket on one side only is some other machine above the wheels.
     driven_above = {_is_left(wheel, layout) for wheel in layout.raised} == {True, False}
     each_side = sorted(sides.values(), key=lambda side: wheels.index(side[0]))
     least = of_track if called or driven_above else many
@@ -257,9 +265,11 @@ def _crawl(result: BaseAssumptions, layout: WheelLayout, sides: list[list[Wheel]
     for side in sides:
         above = [wheel for wheel in layout.raised if _is_left(wheel, layout) == _is_left(side[0], layout)]
         every = [*side, *above]
+        # One motor for each side: that of the file, else the wheel called so, else the first one.
         named = [wheel for wheel in every if wheel.joint in layout.driven.joints and layout.driven.confidence > GUESSED]
         called = [wheel for wheel in every if has_word("sprocket|drive|driver|driving", *wheel.names)]
         driver = (named or called or side)[0]
+        # A sprocket above the ground does not roll: the first wheel below does, and the band couples it.
         rolling = driver if any(wheel is driver for wheel in side) else side[0]
         drivers.append(driver.joint)
         said = "drives its track" if driver is rolling else f"on the track of {driver.joint}"
@@ -267,9 +277,11 @@ def _crawl(result: BaseAssumptions, layout: WheelLayout, sides: list[list[Wheel]
         result.actuators.append((driver.joint, "drives its track"))
         for wheel in every:
             if wheel is not rolling:
+                # The band has one speed at all rims: rates are as the inverse radii.
                 ratio = round(float(np.sign(wheel.axle @ rolling.axle)) * rolling.radius / wheel.radius, 6)
                 coupled: dict[str, Json] = {"joint": wheel.joint, "driver": rolling.joint, "ratio": ratio}
                 result.constraints.append(({"joint_coupling": coupled}, f"on the track of {driver.joint}"))
+        # Rolling rows of all wheels of a track would repeat each other: a caster holds the other end at its height.
         last = max(side, key=lambda wheel: abs(float((wheel.center - rolling.center) @ rolling.heading)))
         support: dict[str, Json] = {"frame": last.frame, "radius": round(last.radius, 6)}
         result.constraints.append(({"caster": support}, "supports the other end of its track"))
@@ -288,6 +300,7 @@ def _steer(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart)
     driver = at_start.driver(main[0].pivot.joint)
     result.steer(driver)
     result.outputs.append(({"joint": driver}, BENT))
+    # Steering is one freedom: the first pivot is an output, and each other one has a row or a lock.
     for number, axle in enumerate(steered):
         for one in axle:
             pivot, leads = one.pivot.joint, one is main[0]
@@ -300,11 +313,12 @@ def _steer(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart)
                 result.notes.append(f"loops of the file couple {main[0].pivot.joint} and {pivot}: {said}")
             elif _reach(one, fixed[0]) > placed(one.wheels[0].radius):
                 ackermann: dict[str, Json] = {"left": main[0].pivot.joint, "right": pivot, "axle": fixed[0].frame}
-                if number:
+                if number:  # by default, the line between both pivots is taken as across: of one axle it is
                     ackermann["axis"] = at_start.own_axis(fixed[0].axle, fixed[0].frame)
                 result.constraints.append(({"ackermann": ackermann}, "all steered wheels turn about one point"))
             else:
                 result.hold([pivot], "on the line of the fixed axle, where no steering is needed")
+            # The Ackermann row of the others replaces their lateral rows, which would depend on it.
             for line in in_line(one.wheels):
                 result.roll_line(line, f"steered by {pivot}", lateral=leads)
             result.passive |= {pivot} - {driver}
@@ -333,9 +347,8 @@ def _reach(group: WheelGroup, axle: Wheel) -> float:
 def _side_by_side(one: WheelGroup, other: WheelGroup, axle: Wheel) -> bool:
     across = other.pivot.point - one.pivot.point
     single = len(one.wheels) == len(other.wheels) == 1
-    return bool(single and abs(across @ axle.heading) < 0.1 * np.linalg.norm(across)) and are_parallel(
-        one.wheels[0], axle
-    )
+    beside = abs(across @ axle.heading) < 0.1 * np.linalg.norm(across)  # 6 degrees: the same axle, toe-in and all
+    return bool(single and beside) and are_parallel(one.wheels[0], axle)
 
 
 def _tow(result: BaseAssumptions, carriage: WheelGroup, at_start: RobotAtStart) -> None:
@@ -343,6 +356,7 @@ def _tow(result: BaseAssumptions, carriage: WheelGroup, at_start: RobotAtStart) 
     result.roll(carriage.wheels[0], "of a trailer")
     result.roll_line(carriage.wheels[1:], "of a trailer, without a lateral row of its own", lateral=False)
     joint, drives = carriage.pivot.joint, at_start.drives
+    # A file may give every joint an effort, hitches too: a name settles it, else the draft asks.
     if drives.says(joint) is False or not drives.efforts.get(joint):
         sure, evidence = LIKELY, "nothing drives it"
     elif has_word(TOWED, joint, *carriage.wheels[0].names):
