@@ -87,6 +87,7 @@ def build_task(scenario: ScenarioFile, reduced: ReducedModel) -> Task:
     """
     names = scenario.task
     primary = names.primary
+    # With redundant outputs alone, a file means that none is primary.
     if not primary and not names.redundant:
         primary = list(reduced.reducing.names)
     return Task.of(reduced, primary, names.redundant, names.vertical)
@@ -125,7 +126,7 @@ class Experiment:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Findings that are known before the run: those of its plan and of its start, and warnings as notes."""
-        known = {str(each) for each in self.start_findings}
+        known = {str(each) for each in self.start_findings}  # warnings repeat these: once in a verdict is enough
         told = [each for each in (*self.model_warnings, *self.warnings) if each not in known]
         notes = (Finding(FindingKind.MODEL, "", None, "", None, Severity.NOTE, each) for each in told)
         return (*(() if self.plan is None else self.plan.verdict.findings), *self.start_findings, *notes)
@@ -171,13 +172,14 @@ def build_experiment(
     if scenario.controller is None and not scenario.contacts:
         raise ConfigurationError("controller: is missing; a run needs {type: ..., preset: ...}")
     simulation = scenario.simulation
+    # Before the robot is loaded, which takes longer than anything else here.
     if scenario.planner is None or simulation.duration != "plan":
         try:
             sample_count(simulation.seconds, simulation.dt)
         except InputError as error:
             raise ConfigurationError(f"simulation: {error}") from None
     reduced = build_reduced(scenario, folder)[1] if reduced is None else reduced
-    _check_plots(scenario, reduced)
+    _check_plots(scenario, reduced)  # a misspelt plot would fail after the run
     q0, v2_0 = start_of(scenario, reduced)
 
     task = build_task(scenario, reduced)
@@ -188,12 +190,12 @@ def build_experiment(
         motion = (Plans() if plans is None else plans).plan(scenario, reduced, Start(q0, v2_0), obstacles)
         simulation = simulation.of_plan(motion.duration)
     for frame in scenario.view.trail:
-        reduced.robot.frame_id(frame)
+        reduced.robot.frame_id(frame)  # raises for an unknown one, which the page would meet after the run
     at_start = start_findings(scenario, reduced, q0)
     # Before the controller: its roll-out may fail for the reason that these tell.
     doubted = warnings_of(at_start)
     run = partial(Experiment, scenario, reduced, q0=q0, v2_0=v2_0, simulation=simulation, obstacles=obstacles)
-    if scenario.controller is None:
+    if scenario.controller is None:  # contacts fall and slide by themselves
         without, plant = ZeroInput(reduced), build_plant(scenario, reduced, q0)
         return run(without, plant, warnings=doubted, start_findings=at_start, provenance=provenance_of(None))
     references, given = task_references(scenario, reduced, task, q0, motion)
@@ -249,6 +251,7 @@ def _shown_frame(scenario: ScenarioFile, reduced: ReducedModel) -> str:
     if scenario.view.trail:
         return scenario.view.trail[0]
     frames = reduced.robot.model.frames
+    # The first link of a joint, not a frame that a file adds for a tool or a sensor.
     return next(str(each.name) for each in frames if each.parentJoint == 1 and "BODY" in str(each.type))
 
 
@@ -265,6 +268,7 @@ def _grip(scenario: ScenarioFile, reduced: ReducedModel) -> Grip | None:
     """Return the friction limits of the wheels; None if the scenario has no ``grip``."""
     if scenario.grip is None:
         return None
+    # Its preflight rolls a kinematic controller out, along which the forces of the wheels are known.
     if not isinstance(scenario.controller, VelocityTrackerSettings):
         raise ConfigurationError("grip: requires a controller over a velocity tracker, such as type 'redundancy'")
     with ConfigurationError.at("grip"):
@@ -277,6 +281,7 @@ def _later_ends(scenario: ScenarioFile, context: ControllerContext) -> dict[str,
     if context.plan is not None and scenario.planner is not None and duration < context.plan.duration:
         found |= scenario.planner.goal
     for reference, outputs in context.references.values():
+        # An infinite duration, as of a harmonic motion, leads nowhere.
         if duration < reference.duration < np.inf:
             ends = reference.at(reference.duration).position.tolist()
             found |= zip(outputs, ends, strict=True)
@@ -293,6 +298,7 @@ def _initial(scenario: ScenarioFile, reduced: ReducedModel) -> np.ndarray:
     if scenario.mimic and following:  # first try to move only mimic joints that the file does not name
         with suppress(ConstraintError):
             return reduced.assembled(q0, [name for name in reduced.robot.joint_names if name not in following])
+    # What a file states is kept: moving it would start the run elsewhere without a word.
     try:
         return reduced.assembled(q0, named)
     except ConstraintError as error:
@@ -346,7 +352,7 @@ def collected_model_warnings(show: bool) -> Iterator[list[str]]:
             warnings.simplefilter("always", ModelWarning)
             yield texts
             told = found
-    finally:
+    finally:  # after the block that records them: inside it, they would be recorded again
         for each in told:
             of_model = issubclass(each.category, ModelWarning)
             if of_model and str(each.message) not in texts:
@@ -379,6 +385,7 @@ def build_plant(scenario: ScenarioFile, reduced: ReducedModel, q0: np.ndarray) -
     _check_servos(scenario, servo_time)
     if scenario.contacts:
         _check_contacts(scenario)
+        # The system without contacts: the plant adds their rows while they are closed.
         args = scenario.constraints, scenario.actuators, scenario.mimic, scenario.forces
         system = NonholonomicSystem(reduced.robot, *args)
         return ContactPlant(system, scenario.contacts, *settings.plant_options)
@@ -395,7 +402,7 @@ def build_plant(scenario: ScenarioFile, reduced: ReducedModel, q0: np.ndarray) -
         return plant_of(reduced)
     stuck = faults.stuck
     try:
-        differs = faults.masses or faults.forces
+        differs = faults.masses or faults.forces  # noise and delays need no second model
         true_plant = plant_of(_true_model(scenario, reduced.robot) if differs else reduced)
         if stuck is not None:
             locked = plant_of(_true_model(scenario, reduced.robot, stuck))
@@ -432,6 +439,7 @@ def _check_servos(scenario: ScenarioFile, servo_time: float | None) -> None:
             "plant.servo_time: requires controller.tracker 'velocity', controller.velocities, or controller.type 'way'"
         )
     no_effect = {"joint_damping", "joint_friction", "actuator_limits"}
+    # Ideal servos impose velocities, so that forces of a joint change nothing: better refused than ignored.
     unused = [name for name, value in settings if name in no_effect and value]
     if velocities and unused:
         raise ConfigurationError(f"simulation.{unused[0]}: has no effect on ideal velocity servos; remove it")
@@ -447,6 +455,7 @@ def _true_model(scenario: ScenarioFile, robot: Robot, stuck: StuckJoint | None =
     assert faults is not None
     if faults.masses:
         MassErrors(faults.masses, scenario.seed).change(robot)
+    # No outputs: a stuck joint may be one of them, and the plant needs none.
     constraints = [*scenario.constraints, *([] if stuck is None else [stuck.rows(robot)])]
     forces = [*scenario.forces, *faults.forces]
     return NonholonomicSystem(robot, constraints, scenario.actuators, scenario.mimic, forces).reduce()

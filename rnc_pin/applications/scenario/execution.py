@@ -58,7 +58,7 @@ def execute(
         trajectory, summary, limits = judged_summary(scenario.experiment, trajectory, time.perf_counter() - start)
         others: dict[str, Trajectory] = {}
         if error is None and trajectory.outcome is Outcome.COMPLETED:
-            others = _comparisons(scenario, summary, progress)
+            others = _comparisons(scenario, summary, progress)  # beside a failed run they would show nothing
     return Result(trajectory, summary, error, others, limits)
 
 
@@ -73,6 +73,7 @@ def _comparisons(
         run, failure = other.simulated(_watched(other, None, shown))
         before += other.duration
         whole = run_summary(other.experiment, run)
+        # Of a comparison the errors count; its limits and its verdict are not those of the run.
         compared = cast(Compared, {key: value for key, value in whole.items() if key in Compared.__annotations__})
         if failure is not None:
             compared["message"] = str(failure)
@@ -95,6 +96,7 @@ def _watched(scenario: Scenario, observer: Observer | None, report: Callable[[fl
 
     def watch(sample: Sample) -> None:
         nonlocal due
+        # Reports at all samples would slow the run down; the last one always counts.
         if sample.time >= min(due, last):
             due = sample.time + last / _REPORTS
             report(sample.time)

@@ -45,7 +45,7 @@ def find_scenario(name: str) -> Path:
     Raises:
         ConfigurationError: neither exists (gives the nearest name), or it is a robot (gives the command ``init``).
     """
-    if name in built_in_names():
+    if name in built_in_names():  # a file of this name is still there as ./NAME
         return _BUILT_IN / f"{name}.yaml"
     if os.path.isfile(name):  # False, not an error, for names that no file can have
         if name.lower().endswith(ROBOT_FILES):
@@ -53,11 +53,13 @@ def find_scenario(name: str) -> Path:
         return Path(name)
     if name.lower().endswith((".yaml", ".yml")):
         folder = Path(name).parent
+        # Misspelt names of files mean files: the neighbours first.
         there = sorted(each.name for each in folder.glob("*.y*ml")) if os.path.isdir(folder) else []
         raise ConfigurationError(f"no scenario file '{name}'{nearest(Path(name).name, [*there, *built_in_names()])}")
     robots = robot_names()
     if name in robots:
         raise ConfigurationError(f"'{name}': {_is_robot(name)}")
+    # A scenario or robot that has this as a part of its name counts before those that are spelt nearly so.
     close = closest(name, built_in_names(), spelling=False)
     robot = None if close else closest(name, robots, spelling=False)
     missing = f"no scenario '{name}': neither built in nor a file"
@@ -116,7 +118,7 @@ def read_yaml(path: Path) -> dict[str, Json]:
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigurationError(f"{path}: cannot be read: {error}") from None
     try:
-        raw = deepcopy(_parsed(text))
+        raw = deepcopy(_parsed(text))  # options change it in place, and the cache keeps it
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         line = f"line {mark.line + 1}" if mark else "somewhere"
@@ -182,6 +184,7 @@ def with_options(raw: Mapping[str, Json], options: Mapping[str, Json]) -> dict[s
         for depth, part in enumerate(parts):
             last = depth == len(parts) - 1
             if isinstance(where, list):
+                # isdecimal alone takes other scripts, and int takes "-1", which would count from the end.
                 if not (part.isascii() and part.isdecimal()) or int(part) >= len(where):
                     raise ConfigurationError(f"{key}: '{part}' is not an index into a list of {len(where)}")
                 if last:
@@ -191,7 +194,7 @@ def with_options(raw: Mapping[str, Json], options: Mapping[str, Json]) -> dict[s
             elif isinstance(where, dict):
                 if last:
                     where[part] = value
-                else:
+                else:  # a part that the file omits may be set: the schema checks the result
                     where = where.setdefault(part, {})
             else:
                 raise ConfigurationError(f"{key}: '{parts[depth - 1]}' is {short_text(where)}, not a mapping or a list")

@@ -51,12 +51,13 @@ class Manifest:
         try:
             with open_regular(folder / MANIFEST, follow_links=False) as file:
                 files = json.loads(file.read(_MAX_SIZE))["files"]
+            # A manifest of a stranger may name any file: only names that runs use count, and only texts as digests.
             digests = {name: [each for each in files[name] if isinstance(each, str)] for name in files}
             return cls(folder, {name: found for name, found in digests.items() if is_result(name)})
         except OSError:
             return None
         except (ValueError, KeyError, TypeError, RecursionError):
-            return cls(folder)
+            return cls(folder)  # it owns nothing, so that nothing is deleted
 
     def write(self, temporary: Path) -> None:
         """Replace the manifest in the folder atomically.
@@ -64,7 +65,7 @@ class Manifest:
         Args:
             temporary: folder on the same device in which the file is prepared.
         """
-        partial = temporary / MANIFEST
+        partial = temporary / MANIFEST  # a kill while it is written leaves the old one whole
         partial.write_text(json.dumps({"files": self.digests}) + "\n", encoding="utf-8")
         os.replace(partial, self.folder / MANIFEST)
 
@@ -158,6 +159,7 @@ class OutputFolder:
                 if not self._created and not self.path.is_dir():
                     raise ConfigurationError(f"--out {self.path}: is a file, expected a folder")
                 self.path.mkdir(parents=True, exist_ok=True)
+                # Locked before its content is read: another run may be writing.
                 self._lock = lock_folder(self.path)
                 earlier = self._admit(names)
                 self._had_results = any(os.path.lexists(self.path / name) for name in (*earlier.digests, *names))
@@ -165,7 +167,7 @@ class OutputFolder:
                 if not os.path.lexists(self.path / MANIFEST):
                     earlier.write(self.fresh)
                     self._made_manifest = True
-        except BaseException:
+        except BaseException:  # Ctrl-C too: a folder that was just made would stay locked and empty
             self.close()
             raise
 
@@ -186,6 +188,7 @@ class OutputFolder:
                 f"--out {self.path}: {few(foreign)} {'was' if len(foreign) == 1 else 'were'} changed or not written by "
                 "rnc-pin; choose another folder or add --force"
             )
+        # Only after the checks, and under the lock: no living run has such a folder here.
         for leftover in self.path.glob(f"{TEMPORARY_PREFIX}*"):  # of a run that was killed
             shutil.rmtree(leftover) if _is_folder(leftover) else leftover.unlink()
         return manifest
@@ -210,7 +213,7 @@ class OutputFolder:
 
     def keep_so_far(self) -> None:
         """Move the results into place if the folder had no earlier ones; otherwise do nothing."""
-        if not self._had_results:
+        if not self._had_results:  # earlier results stay until the new ones are complete
             self._move()
 
     def keep(self) -> None:
@@ -221,6 +224,7 @@ class OutputFolder:
                 disk is full. The folder is unchanged.
         """
         earlier = self._move()
+        # Files that this run did not write are of an earlier one: beside the new results they would mislead.
         with self.writing() as fresh:
             for name in earlier.digests.keys() - self._kept:
                 earlier.remove(name)
@@ -235,6 +239,7 @@ class OutputFolder:
             earlier = Manifest.read(self.path) or Manifest(self.path)
             foreign = [name for name in new if not self._may_write(name, earlier)]
             if foreign:
+                # The run is over and may have taken hours: its results are kept under another name.
                 aside = self.path / f"results_{fresh.name.removeprefix(TEMPORARY_PREFIX)}"
                 fresh.rename(aside)
                 raise ConfigurationError(
@@ -254,12 +259,13 @@ class OutputFolder:
         if self._lock is None:
             return
         shutil.rmtree(self.fresh, ignore_errors=True)
+        # As it was before: a manifest without results would make a foreign folder ours.
         if self._made_manifest and not self._kept:
             (self.path / MANIFEST).unlink(missing_ok=True)
         if self._created:
             with suppress(OSError):  # not empty
                 self.path.rmdir()
-        os.close(self._lock)
+        os.close(self._lock)  # releases the lock
         self._lock = None
 
     def __enter__(self) -> OutputFolder:

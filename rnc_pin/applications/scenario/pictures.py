@@ -40,7 +40,7 @@ class Drawn:
 
     def __str__(self) -> str:
         """One line with the failures."""
-        causes: dict[str, list[str]] = {}
+        causes: dict[str, list[str]] = {}  # a missing package has one cause for all pictures
         for name, why in self.failures.items():
             causes.setdefault(why, []).append(name)
         return "; ".join(f"{few(names)} could not be drawn: {why}" for why, names in causes.items())
@@ -54,6 +54,7 @@ def picture_names(scenario: Scenario) -> list[str]:
     """
     content = scenario.content
     formats = {name: plot.formats or content.figures.formats for name, plot in content.plots.items()}
+    # Names of all that may be written, so that the folder refuses foreign files before the run.
     formats |= dict.fromkeys(("overview", "overview_2", "top_view", "limits"), content.figures.formats)
     return list(dict.fromkeys([*(f"{name}.{each}" for name, found in formats.items() for each in found), ANIMATION]))
 
@@ -78,6 +79,7 @@ def draw_pictures(
     for number, name in enumerate(picture_names(scenario)):
         if progress is not None:
             progress(number, name)
+        # One after the other and on its own: labels and fonts are a user's, and may fail in one picture.
         try:
             found = _drawn(scenario, result, folder / name)
         except KeyboardInterrupt:
@@ -109,11 +111,11 @@ def _drawn(scenario: Scenario, result: Result, path: Path) -> bool | str:
         with interruptible(), np.errstate(over="ignore", invalid="ignore"):  # values of diverged runs overflow
             return write(scenario, result, path)
     except KeyboardInterrupt:
-        path.unlink(missing_ok=True)
+        path.unlink(missing_ok=True)  # it is half a picture
         raise
     except Exception as error:
         path.unlink(missing_ok=True)
-        kind = "" if isinstance(error, RncError) else f"{type(error).__name__}: "
+        kind = "" if isinstance(error, RncError) else f"{type(error).__name__}: "  # "ValueError" tells where to look
         return kind + (" ".join(str(error).split()) or "no reason given")
 
 
@@ -177,7 +179,7 @@ def _overview(part: slice, scenario: Scenario, result: Result, path: Path) -> bo
 
 
 def _top_view(scenario: Scenario, result: Result, path: Path) -> bool:
-    if not simulation.ground_paths(result.trajectory):
+    if not simulation.ground_paths(result.trajectory):  # an arm on a table has no path over the ground
         return False
     experiment, settings = scenario.experiment, scenario.content.figures
     obstacles, title = experiment.obstacles, experiment.scenario.title

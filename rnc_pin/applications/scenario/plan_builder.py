@@ -74,6 +74,7 @@ def task_references(
         ("vertical", said.vertical, x1[task.vertical], task.vertical_names, task.vertical_coordinates),
     ):
         try:
+            # The file first, then the plan for what the controller follows; what neither gives stays where it is.
             if settings is not None:
                 references[name] = settings.from_start(start, coordinates)
             elif motion is not None and outputs and name in followed:
@@ -113,6 +114,7 @@ def plan_path(scenario: ScenarioFile, reduced: ReducedModel, task: Task, q0: np.
     settings = scenario.reference.path
     if settings is None:
         return PathPlan()
+    # Both speed and steering follow from the path, and the trailer's heading: a second reference would contradict.
     if scenario.reference.primary is not None or (settings.trailer and scenario.reference.vertical is not None):
         raise ConfigurationError("reference.path: replaces 'primary' and, with a trailer, 'vertical'; remove those")
     if len(task.primary) != 2 or reduced.reducing.quasi[task.primary].tolist() != [True, False]:
@@ -134,7 +136,7 @@ def plan_path(scenario: ScenarioFile, reduced: ReducedModel, task: Task, q0: np.
         )
         if trailer is not None:
             slithering = trailer.build(reduced, task, settings.frame)
-    poses = np.round(path.poses[:: max(1, len(path.poses) // 400)], 5).tolist()
+    poses = np.round(path.poses[:: max(1, len(path.poses) // _POINTS)], 5).tolist()  # as much as a plot resolves
     names = [f"{settings.frame}_{axis}" for axis in "xy"]
     monitored = None
     if all(name in reduced.vertical.names for name in names):
@@ -175,6 +177,8 @@ class Plans:
         chosen = _regulator(scenario)
         simulation = scenario.simulation
         assert simulation is not None
+        # Comparisons differ in controllers and gains, rarely in the problem; a plan takes seconds to minutes. All of
+        # these are settings, whose repr has every value.
         key = repr((system, problem, chosen, simulation.dt, simulation.plant_options))
         if key not in self._found:
             self._found[key] = build_plan(scenario, reduced, start, obstacles)
@@ -201,7 +205,7 @@ def build_plan(
     names = (*reduced.reducing.names, *reduced.vertical.names)
     kinematic = settings.form == "kinematic"
     with RncError.at("planner"):
-        if kinematic and start.v2.any():
+        if kinematic and start.v2.any():  # velocities are its inputs, which jump
             raise ConfigurationError("form 'kinematic' starts with any velocity; remove 'initial.v2'")
         goal = feedback.goal_of(settings.goal, scenario.listed_outputs, reduced) or None
         guess, duration = _first_guess(scenario, reduced, start, goal, obstacles)
@@ -218,6 +222,7 @@ def build_plan(
             seed=scenario.seed,
             v2_0=None if kinematic else start.v2,
             **settings.values_of("form", "seeds", "solutions", "at_rest", "time_weight"),
+            # A plan is verified in the loop that will run it.
             feedback=lambda plan: _regulator(scenario).along(reduced, plan, simulation.joint_damping),
             dt=simulation.dt,
             plant=ReducedPlant(reduced, *simulation.plant_options),
@@ -242,6 +247,7 @@ def planned_path(found: optimal.MotionPlan, reduced: ReducedModel, frame: str) -
         reduced: the model.
         frame: name of the frame.
     """
+    # Between nodes by the planner's own integration: straight lines would cut the corners of a car.
     model = optimal.action_model(reduced, found.info.form)
     parts, h = max(1, round(_POINTS / len(found.u))), np.diff(found.time)
     start = optimal.Nodes(found.q[:-1], found.w[:-1])
@@ -249,7 +255,7 @@ def planned_path(found: optimal.MotionPlan, reduced: ReducedModel, frame: str) -
     q = np.concatenate([np.stack(pieces, axis=1).reshape(-1, found.q.shape[1]), found.q[-1:]])
     poses, heights = frame_poses(reduced.robot, frame, q)
     rows = np.round(poses, 5).tolist()
-    on_ground = reduced.robot.model.joints[1].shortname() == "JointModelPlanar"
+    on_ground = reduced.robot.model.joints[1].shortname() == "JointModelPlanar"  # drawn on the ground, not at a height
     kept = () if on_ground else tuple(np.round(heights, 5).tolist())
     return PlannedPath(frame, tuple((x, y, heading) for x, y, heading in rows), kept)
 
@@ -287,6 +293,7 @@ def _first_guess(
             if each.motion is not None:
                 text = f"obstacle '{each.name}' moves, and type 'global' searches a way in a world that stands"
                 raise ConfigurationError(f"{text}; use type 'optimal', which follows its motion")
+        # As the bounds of the plan: null ignores obstacles, and links count if they are asked for.
         beside = () if settings.clearance is None else obstacles
         selection, clearance, seed = PairSelection(links=settings.links), settings.clearance or 0.0, scenario.seed
         search = partial(find_way, selection=selection, clearance=clearance, settings=feedback.WAY_SEARCH, seed=seed)
@@ -295,7 +302,7 @@ def _first_guess(
             duration = _SLOWER * way.duration
         return way, duration
     assert duration is not None
-    return _guess(settings.guess, reduced, start, goal, float(np.mean(duration))), duration
+    return _guess(settings.guess, reduced, start, goal, float(np.mean(duration))), duration  # of a free one, the middle
 
 
 def _guess(
@@ -322,7 +329,7 @@ def _guess(
 
 def _with_joints(robot: Robot, q: np.ndarray, joints: Mapping[str, float | list[float]]) -> np.ndarray:
     """Configuration with other positions of some joints."""
-    moved, given = q.copy(), robot.configuration(joints)
+    moved, given = q.copy(), robot.configuration(joints)  # the latter has zeros for the others
     for joint in joints:
         place = robot.model.joints[robot.model.getJointId(joint)]
         rows = slice(place.idx_q, place.idx_q + place.nq)

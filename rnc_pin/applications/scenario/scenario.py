@@ -98,7 +98,7 @@ class Scenario(SummaryMixin):
             ConfigurationError: the scenario is invalid; the first error with file, key, and what is expected.
         """
         made = cls.read(scenario).with_options(options or {})
-        _ = made.content
+        _ = made.content  # checked now, where a user reads the message
         return made
 
     @classmethod
@@ -113,7 +113,7 @@ class Scenario(SummaryMixin):
         """
         said = str(scenario)
         path = find_scenario(said).resolve()
-        source = said if said == path.stem else path.name
+        source = said if said == path.stem else path.name  # no folders of this computer in messages
         return cls(path.stem, read_yaml(path), path.parent, is_built_in(path), source)
 
     def with_options(self, options: Mapping[str, Json]) -> Scenario:
@@ -132,7 +132,7 @@ class Scenario(SummaryMixin):
         Args:
             content, model, experiment: values of these properties; None for those that are built later.
         """
-        made = copy.copy(self)
+        made = copy.copy(self)  # ``replace`` would drop what is built
         given = {"content": content, "model": model, "experiment": experiment}
         made.__dict__.update({name: value for name, value in given.items() if value is not None})
         return made
@@ -180,6 +180,7 @@ class Scenario(SummaryMixin):
         found: dict[str, Scenario] = {}
         slugs: dict[str, str] = {}
         for name, changes in self.content.compared.items():
+            # "a b" and "a_b" would write one trajectory_a_b.npz.
             if slugs.setdefault(slug(name), name) != name:
                 names = f"'{name}' and '{slugs[slug(name)]}'"
                 raise ConfigurationError(f"comparisons: {names} give one file name").within(self._label)
@@ -293,6 +294,7 @@ class Scenario(SummaryMixin):
         Args:
             observer: called with every ``Sample``.
         """
+        # A run that failed is a result, as far as it went; an error before its first sample is none.
         try:
             return Simulated(self.experiment.run(self.options(observer)), None)
         except RncError as failure:
@@ -359,6 +361,7 @@ def _applied(raw: Mapping[str, Json], options: Mapping[str, Json]) -> dict[str, 
 
     Each of them overrides those before it. The result runs as it is: it chooses no variant, and has no ``presets``.
     """
+    # Options may choose the variant and the preset, so they are applied first to see, and last to count.
     applied = with_options(raw, options)
     variant = _choice(applied.get("variants"), applied.get("variant"))
     if variant is not None:

@@ -61,9 +61,10 @@ def judged_summary(
     scenario, chosen = experiment.scenario, experiment.scenario.controller
     summary = run_summary(experiment, run, wall_time)
     asked = _asked(experiment)
-    replay = _replay(experiment, run, asked) if len(run.time) else None
+    replay = _replay(experiment, run, asked) if len(run.time) else None  # a run may fail before its first sample
     shortfall = chosen.tolerance if isinstance(chosen, SetPointSettings) else SHORTFALL  # of where it rests
     ended = goals and run.outcome is Outcome.COMPLETED
+    # A run that stopped early has missed everything: that it stopped is the finding.
     errors = _goal_errors(experiment, run, summary) if ended else {}
     # Goals of a whole-body program are among the errors.
     missed = () if run.grounds is None or experiment.program is not None else run.grounds.missed
@@ -94,6 +95,7 @@ def judged_summary(
         summary["goal_tolerance"] = scenario.goal_tolerance
         if errors and (experiment.program is not None or scenario.planner is not None):
             summary["goal_error"] = errors
+        # "not <=": a NaN is missed, too.
         beyond = {name: error for name, error in errors.items() if not error <= scenario.goal_tolerance}
         if beyond:
             summary["goals_missed"] = beyond
@@ -126,6 +128,7 @@ def _off_tracking(experiment: Experiment, configurations: np.ndarray) -> float |
     robot = experiment.reduced.robot
     some = configurations[::10]  # every tenth sample is dense enough
     driven, axle = (frame_poses(robot, frame, some).planar for frame in (settings.frame, settings.trailer.frame))
+    # At the start the axle is behind the path: as a chord, twice its distance reaches beyond it at any angle.
     behind = 2.0 * float(np.linalg.norm(driven[0, :2] - axle[0, :2]))
     return float(path_distances(axle[:, :2], continued_back(driven, behind)).max())
 
@@ -170,6 +173,7 @@ def _unfinished(experiment: Experiment, run: Trajectory) -> Iterator[Finding]:
 
 
 def _replay(experiment: Experiment, run: Trajectory, asked: float | None) -> LimitReplay:
+    # Distances are slow: at most 500 of them, between which the motion of the links is bounded.
     step = max(_REPLAY_STEP, float(run.time[-1]) / _REPLAYED)
     near = asked or 0.0
     within = max(REPLAY_DISTANCE, near)
@@ -184,6 +188,7 @@ def _grip(experiment: Experiment, run: Trajectory) -> Grip | None:
         with suppress(ConfigurationError):  # nothing grips
             grip = Grip(reduced, program.friction)
     names = run.info.outputs
+    # Recorded forces belong to the rows of this model, or none can be compared: a plant with contacts has others.
     same = grip is not None and names.normal_forces == grip.normal.names
     return grip if same and names.contact_forces == reduced.all_constraints.names else None
 

@@ -30,6 +30,7 @@ def _types(base: type[Strict]) -> Iterator[tuple[str, type[Strict]]]:
         yield from _types(each)
 
 
+# All modules, so that a class is found by being there: a list would be a second place to edit.
 for _module in iter_modules(__path__):
     import_module(f"{__name__}.{_module.name}")
 
@@ -52,13 +53,14 @@ def _check_keys(raw: object) -> object:
     Such a setting is dropped if it is null. A comparison can therefore change the type alone.
     """
     kind = raw.get("type") if isinstance(raw, dict) else None
+    # An unknown type is reported by the union, with the nearest name.
     own = TYPES.get(kind) if isinstance(kind, str) else None
     if own is None or not isinstance(raw, dict):
         return raw
     kept = {}
     for key, value in raw.items():
         others = owners(key)
-        if kind in others or not others:
+        if kind in others or not others:  # what no type knows is a misspelling, which the model reports
             kept[key] = value
         elif value is not None:
             whose, hint = ", ".join(others), nearest(key, own.model_fields)
@@ -90,6 +92,7 @@ def without_foreign_gains(raw: Mapping[str, Json], changes: Mapping[str, Json]) 
         changes: values of the variant by dotted key.
     """
     controller, kind = raw.get("controller"), changes.get("controller.type")
+    # Only where the type changes: other wrong settings are mistakes, which the check has to find.
     if not isinstance(controller, Mapping) or not isinstance(kind, str) or kind not in TYPES:
         return raw
     return {**raw, "controller": read_by(kind, controller)}

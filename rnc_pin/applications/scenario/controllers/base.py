@@ -112,6 +112,7 @@ def refuse_or_warn(preflight: Literal["warn", "refuse"], complaints: Sequence[st
         InfeasibleError: there are complaints, and ``preflight`` refuses such a run.
     """
     if complaints and preflight == "refuse":
+        # An error is one line: of many reasons, the first.
         shown = 1 if sum(map(len, complaints)) > _LONGEST else len(complaints)
         more = f"; and {len(complaints) - shown} more: 'preflight: warn' shows all" if shown < len(complaints) else ""
         raise InfeasibleError("; ".join(complaints[:shown]) + more)
@@ -156,6 +157,7 @@ def check_motion(
         InfeasibleError: there are complaints, and preflight refuses such a motion.
     """
     reduced, horizon = context.reduced, context.horizon if horizon is None else horizon
+    # Stages of an integration step would each solve the program again for the same command.
     if isinstance(kinematic, VelocityQP):
         kinematic = _OncePerSample(kinematic)
     margins = margins_along(reduced, kinematic, context.q0, horizon, _ROLLOUT_STEP, task, context.grip)
@@ -168,6 +170,7 @@ def check_motion(
         return margins, refuse_or_warn(context.preflight, complaints)
     except InfeasibleError as error:
         weakest = margins.stack
+        # A caller that searches other references wants the place, and not only the words.
         if weakest.value < MIN_SINGULAR_VALUE:
             error.q, error.time, error.rows = weakest.q, weakest.time, weakest.rows
             error.singular_value = weakest.value
@@ -312,6 +315,7 @@ def sized_gain(name: str, value: Gain | np.ndarray, size: int) -> float | np.nda
     Raises:
         ConfigurationError: the number of values is not ``size``.
     """
+    # Checked here with the name of the setting: broadcasting would fail in the loop, or silently repeat one value.
     if isinstance(value, list) and len(value) != size:
         raise ConfigurationError(f"controller.{name}: {len(value)} values for {size} outputs")
     return np.array(value) if isinstance(value, list) else value
@@ -362,6 +366,7 @@ class ControllerSettings(Strict):
             RncError: the settings do not fit the robot or the task.
         """
         for name in context.given:
+            # A reference that nothing follows would be plotted and never reached.
             if name not in self.followed:
                 message = f"is not followed by a controller of type '{self.type}'{self.advice}"
                 raise ConfigurationError(f"reference.{name}: {message}")
@@ -383,6 +388,7 @@ class ControllerSettings(Strict):
     @model_validator(mode="before")
     @classmethod
     def _name_missing_setting(cls, raw: object) -> object:
+        # pydantic's "field required" does not tell what the setting is.
         for name, info in cls.model_fields.items():
             if isinstance(raw, dict) and info.is_required() and name not in raw:
                 what = cls.key_descriptions()[name]
@@ -431,6 +437,7 @@ class AdaptationSettings(ControllerSettings):
         if self.unknown is None:
             return super().build(context)
         estimator = self.unknown.estimator(context.reduced, self.outer.alpha if self.alpha is None else self.alpha)
+        # The controller is built on the estimates: not even its gains know the true parameters.
         built, regressor = super().build(replace(context, reduced=estimator.model)), estimator.regressor
         notes = {
             **built.notes,
@@ -446,6 +453,7 @@ class AdaptationSettings(ControllerSettings):
             context: what the scenario has built so far.
         """
         wanted = self.gravity_compensation
+        # The paper's gains have no such force. A start in motion is no equilibrium that brakes have held before.
         if wanted is None:
             starts_at_rest = context.v2_0 is None or not context.v2_0.any()
             wanted = self.preset == "scaled" and starts_at_rest and control.gravity_loads(context.reduced, context.q0)

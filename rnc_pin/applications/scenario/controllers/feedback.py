@@ -56,6 +56,7 @@ def goal_of(
     check_output_names("goal", given, names)
     goal: dict[OutputTarget, ArrayLike] = {}
     rest, rows = dict(given), iter(names)
+    # Rows of a rotation are no separate coordinates: three numbers of one output are one goal on SO(3).
     for output in outputs:
         own = [next(rows) for _ in output.bind(reduced.robot).names]
         if len(own) > 1 and all(name in rest for name in own):
@@ -86,6 +87,7 @@ def bounds_of(
     if bounds.output:
         check_output_names("bounds.output", bounds.output, (*reduced.reducing.names, *reduced.vertical.names))
         yield optimal.OutputBound(list(bounds.output), *_limits(bounds.output))
+    # Obstacles and links have bounds of their own: clearance is asked for, links only must not come nearer.
     if settings.clearance is not None and obstacles:
         beside = CollisionDistances(reduced.robot, obstacles, PairSelection(links=False))
         if beside.pairs:
@@ -94,6 +96,7 @@ def bounds_of(
     if geometry is not None and len(geometry.geometryObjects):
         own = CollisionDistances(reduced.robot, q0=q0)
         if own.pairs:
+            # Links that are nearer at the start than the accuracy, as in a folded arm, may stay so.
             yield optimal.DistanceBound(own, float(own.at(q0, within=accuracy).distance.min(initial=accuracy)))
 
 
@@ -169,9 +172,11 @@ class StateFeedbackSettings(ControllerSettings):
             linear = linearize(reduced, found.q, v2, found.T, self.coordinates, self.rates, self.cyclic)
             K = lqr(linear, self.state_cost, self.input_cost)
             check_sampling(linear, K, context.simulation.dt)
+        # References of the task are errors of outputs beside the state; without any, the equilibrium is the goal.
         given = [context.references[role] for role in context.given]
         names = [name for _, outputs in given for name in outputs]
         reference = Joined([followed for followed, _ in given]) if given else None
+        # Both: the equilibrium may be far from the start, and the run begins at the start.
         near = near_singular("start", reduced, np.stack([context.q0, found.q]))
         complaints = refuse_or_warn(context.preflight, near)
         return BuiltController(StateFeedback(linear, K, reference, names), complaints)
@@ -208,7 +213,7 @@ class PlanFeedbackSettings(ControllerSettings):
             plan: the plan.
             joint_damping: True for a plant with joint damping.
         """
-        given, K, weights = (self.state_cost, self.input_cost), None, None
+        given, K, weights = (self.state_cost, self.input_cost), None, None  # without K, the plan's own gains
         if self.gains != "plan":
             found = optimal.tvlqr(reduced, plan, *given, frequency=self.frequency)
             K, weights = found.K, found.weights
@@ -230,7 +235,7 @@ class PlanFeedbackSettings(ControllerSettings):
     @model_validator(mode="after")
     def _weights_belong_to_tvlqr(self) -> PlanFeedbackSettings:
         for name in ("state_cost", "input_cost", "frequency"):
-            if self.gains == "plan" and name in self.model_fields_set:
+            if self.gains == "plan" and name in self.model_fields_set:  # stated, not a default
                 raise wrong(name, "belongs to gains 'tvlqr'")
         return self
 
@@ -395,6 +400,7 @@ class WayFollowerSettings(_ToGoal):
 
     def _controller(self, context: ControllerContext) -> Controller:
         reduced, pairs = context.reduced, PairSelection(links=self.links)
+        # Steering and stops make a short way slow: the fastest of many motions is followed, not the first.
         settings = replace(WAY_SEARCH, improve=_FURTHER)
         search = partial(find_way, settings=settings, seed=self.seed, selection=pairs, clearance=self.clearance)
         way = search(reduced, context.q0, goal_of(self.goal, context.outputs, reduced), context.obstacles)

@@ -104,8 +104,10 @@ class TwoPhaseSettings(AdaptationSettings):
     def _build(self, context: ControllerContext) -> BuiltController:
         task, reduced, goal = context.task, context.reduced, self.platform
         x2 = reduced.reducing
+        # The stabiliser is that of a unicycle: its two inputs are these two rates.
         if len(task.redundant) != 2 or not x2.quasi[task.redundant[0]] or not x2.angular[task.redundant[1]]:
             raise ConfigurationError("task.redundant: two_phase requires forward speed and yaw of the platform")
+        # A task of its own: position need not be among the vertical outputs of the scenario's task.
         position = Task.of(reduced, task.primary_names, task.redundant_names, goal.position).vertical
         hand_gains, platform_gains = self._gains(context)
         force = self.holding_force(context)
@@ -131,7 +133,7 @@ class TwoPhaseSettings(AdaptationSettings):
     def _gains(self, context: ControllerContext) -> tuple[control.PositionGains, control.VelocityGains]:
         """Gains of the hand's tracker and of the platform's tracker, from the inertia at the initial configuration."""
         reduced, primary, redundant = context.reduced, context.task.primary, context.task.redundant
-        start, dt = context.q0[None], context.simulation.dt
+        start, dt = context.q0[None], context.simulation.dt  # the path of the platform is not known before the run
         dead_zone = sized_gains(reduced.r, dead_zone=self.dead_zone)["dead_zone"]
         design = control.GainDesign(self.preset, delay=self.delay)
         still = dead_zone[redundant] if isinstance(dead_zone, np.ndarray) else dead_zone
@@ -196,6 +198,7 @@ class VelocityTrackerSettings(AdaptationSettings):
                 return built(control.ActuatorVelocityController(reduced, kinematic))
         # The results of a run are useful even if it ends in a singular configuration.
         region, times = (margins.q, margins.time) if margins.singular is None else (q0[None], None)
+        # Gains for the inertia along the whole motion: those for the start would be unstable where H is small.
         own = {"k": self.k, "beta": self.beta, "sigma": self.sigma, "dead_zone": self.dead_zone}
         with ConfigurationError.at("controller"):
             rates, gains = (self.bandwidth, self.adaptation, self.delay), sized_gains(reduced.r, **own)
@@ -248,7 +251,7 @@ class RedundancySettings(VelocityTrackerSettings):
         Raises:
             ConfigurationError: the task does not fit, or the reference has a trailer.
         """
-        if context.slithering is not None:
+        if context.slithering is not None:  # a trailer's heading follows its angle, which (12) does not integrate
             raise ConfigurationError("reference.path.trailer: needs the controller type 'steering'")
         task, posture = context.task, None
         with ConfigurationError.at("controller.posture"):
@@ -279,6 +282,7 @@ class ReducingOutputsSettings(VelocityTrackerSettings):
 
     def _build(self, context: ControllerContext) -> BuiltController:
         task = context.task
+        # The controller wants the order of x2, and roles divide it.
         reference = _Reordered(
             Joined([context.primary, context.redundant]), np.argsort(np.concatenate([task.primary, task.redundant]))
         )

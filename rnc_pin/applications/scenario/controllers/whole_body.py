@@ -201,8 +201,10 @@ class LimitSettings(Strict):
             context: what the scenario has built so far.
         """
         items = [item for _, value in self for item in (value if isinstance(value, list) else [value])]
+        # Limits are fields, so that null removes one and the order is that of the class.
         found: list[ControlLimit] = [item for item in items if isinstance(item, ControlLimit)]
         wanted, geometry = self.collision, context.reduced.robot.collision_model if context.obstacles else None
+        # "Not stated" is on, null is off; a robot without shapes has no distances to keep.
         if "collision" not in self.model_fields_set and geometry is not None and len(geometry.geometryObjects):
             wanted = CollisionSettings()
         if wanted is not None:
@@ -235,7 +237,7 @@ class WholeBodySettings(ControllerSettings):
                     stack = OutputStack([kind.bind(reduced.robot) for kind in item.outputs])
                     start = stack.value(reduced.at(context.q0).position)
                     task = item.build(item.reference.from_start(start, stack.coordinates))
-                task.bind(reduced)
+                task.bind(reduced)  # again in the program, but there an error would not tell which task it is
             tasks.append(task)
         return tasks
 
@@ -256,6 +258,7 @@ class VelocityProgramSettings(WholeBodySettings, VelocityTrackerSettings):
         tasks, limits = self._tasks(context), self.limits.build(context)
         with RncError.at("controller.limits"):
             program = VelocityQP(context.reduced, tasks, limits, damping=self.damping)
+        # The whole run: tasks within limits may still move when their references have ended.
         return self.track(context, program, horizon=context.simulation.seconds)
 
 
@@ -283,6 +286,7 @@ class InverseDynamicsSettings(WholeBodySettings):
             settings = self.values_of("velocity_gain", "friction", "braking_time")
             program = InverseDynamicsQP(reduced, tasks, limits, dt=context.simulation.dt, **settings)
         v2 = np.zeros(reduced.r) if context.v2_0 is None else context.v2_0
+        # Each later step keeps a braking motion if the one before had one: the start has to have one.
         problem = program.braking_problem(0.0, context.q0, v2)
         unsafe = () if problem is None else (f"no braking motion from the start keeps all limits: {problem}",)
         complaints = refuse_or_warn(context.preflight, unsafe)

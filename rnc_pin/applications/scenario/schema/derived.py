@@ -27,6 +27,7 @@ else:
 
 
 def _file_name(name: str) -> str:
+    # No dot and no slash: the name of a plot of a stranger's scenario stays in the output folder.
     if not re.fullmatch(r"[A-Za-z0-9_-]+", name):
         raise ValueError(f"'{name}' cannot name a file: use letters, digits, - and _")
     return name
@@ -80,12 +81,13 @@ class ClassReader:
     def model(self) -> type[Strict]:
         """Pydantic model of the mapping in a file."""
         fields: dict[str, tuple[object, object]] = {}
+        # A model beside the class: pydantic's own reading of dataclasses takes no arrays and no protocols.
         for each in (each for each in dataclasses.fields(self.kind) if each.init):
             form = _in_files(self.forms.get(each.name, self._types[each.name]))
             default = each.default if each.default_factory is MISSING else each.default_factory()
             if isinstance(default, float) and math.isinf(default):
                 form, default = _either([form, None]), None  # files write null for infinity
-            default = list(default) if isinstance(default, tuple) else default
+            default = list(default) if isinstance(default, tuple) else default  # as a file writes it
             fields[each.name] = form, ... if default is MISSING else default
         made = _mapping(self.kind.__name__, self.kind, fields)
         made.described_by = self.kind
@@ -97,6 +99,7 @@ class ClassReader:
 
     def _read(self, said: Strict) -> object:
         """Make the object. What a file leaves out, and null where it is no value, takes the default of the class."""
+        # "Left out" is not "null": a class may have None as a value beside another default.
         given = {
             name: value
             for name, value in said
@@ -134,6 +137,7 @@ def one_of(names: bool = False, /, **entries: type | ClassReader) -> object:
         **entries: the class of each key, or its reader where the file differs from the class. A mapping of a file is
             read as it is.
     """
+    # The key chooses the class before anything is validated, so that a mistake has one message and not one a class.
     items = [_keyed(key, each if isinstance(each, ClassReader) else ClassReader(each)) for key, each in entries.items()]
     names_too = [typing.Annotated[str, pydantic.Tag(NAME)]] * names
     return ReadAs(typing.Annotated[_either(names_too + items), pydantic.Discriminator(_kind)])
@@ -152,6 +156,7 @@ class ReadAs:
 def _keyed(key: str, entry: ClassReader) -> object:
     """Mapping with one key that contains an entry, or another mapping of a file."""
     content = entry.kind if issubclass(entry.kind, Strict) else typing.Annotated[object, entry]
+    # Around each class a model with one field: the place of an error is then "constraints.0.momentum.joint".
     around = _mapping(f"{entry.kind.__name__}Entry", entry.kind, {key: (content, ...)})
     return typing.Annotated[around, pydantic.AfterValidator(attrgetter(key)), pydantic.Tag(key)]
 

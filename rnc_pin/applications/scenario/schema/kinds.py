@@ -89,6 +89,7 @@ class _MotionArguments(Strict):
 
 def _motion(given: _MotionArguments) -> Reference:
     start = np.array(given.start, dtype=float)
+    # Without a robot, the kinds of the output's rows are not known here: they count as numbers.
     return given.reference.from_start(start, Coordinates([False] * start.size))
 
 
@@ -137,6 +138,7 @@ def with_ground(given: Sequence[ConstraintKind], ground: _Ground) -> list[Constr
     """
     if not any(isinstance(each, _ON_GROUND) for each in given):
         raise ValueError("ground: no constraint takes a ground")
+    # Constraints are made before the ground is known: those that name none have None until here.
     on_it = cast(constraints.GroundPlane, ground)  # constraints on planes refuse another ground themselves
     return [
         replace(each, ground=on_it) if isinstance(each, _ON_GROUND) and each.ground is None else each for each in given

@@ -75,7 +75,7 @@ class VehiclePath(Strict):
             speed, steering: indices of these reducing outputs.
             forward_only: True to exclude reverse motion.
         """
-        largest = float(np.tan(self.max_steering) / self.wheelbase)
+        largest = float(np.tan(self.max_steering) / self.wheelbase)  # curvature of the equivalent front wheel [1/m]
         geometry = SteeringGeometry(reduced, q0, self.frame, speed=speed, steering=steering, largest=largest)
         own = self.values_of("wheelbase", "via", "max_steering")
         return CarPath(start, self.to, duration, forward_only=forward_only, geometry=geometry, **own)
@@ -126,6 +126,7 @@ WeightSetting = float | Numbers | dict[str, float]
 
 
 def _ordered(ends: list[float | None]) -> list[float | None]:
+    # Equal ends are allowed: they fix a value.
     if ends[0] is not None and ends[1] is not None and ends[0] > ends[1]:
         raise ValueError(f"smallest value {ends[0]:g} is above largest value {ends[1]:g}")
     return ends
@@ -152,7 +153,7 @@ class OutputCostSettings(Strict):
 
     @model_validator(mode="after")
     def _fits(self) -> OutputCostSettings:
-        checked(self.build)
+        checked(self.build)  # the class has the rules; here their errors get a place in the file
         return self
 
     def build(self) -> OutputCost:
@@ -224,6 +225,7 @@ class GuessSettings(Strict):
 
     @model_validator(mode="after")
     def _one_guess(self) -> GuessSettings:
+        # Each gives all configurations of the motion, so that two would contradict each other.
         if sum(each is not None for each in (self.through, self.path, self.reducing)) != 1:
             raise ValueError("expected one of 'through', 'path' and 'reducing'")
         return self
@@ -299,6 +301,7 @@ class OptimalPlanner(MotionProblem):
             raise ValueError("type 'global' searches the guess: remove 'guess', or use type 'optimal'")
         if self.type == "global" and not self.goal:
             raise ValueError("type 'global' needs a goal")
+        # A way has a duration of its own, from which the usual one follows; a straight line has none.
         if self.type == "optimal" and self.duration is None:
             raise ValueError("type 'optimal' needs a duration")
         return self

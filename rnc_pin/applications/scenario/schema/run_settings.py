@@ -76,6 +76,7 @@ class SimulationSettings(Strict):
         Args:
             duration: that of the plan [s].
         """
+        # Whole samples, so that the goal is reached within the run; 1e-6 of a sample is rounding of the division.
         samples = math.ceil(duration / self.dt - 1e-6)
         return self.model_copy(update={"duration": samples * self.dt}) if self.duration == "plan" else self
 
@@ -121,6 +122,7 @@ class LogUniformDistribution(Strict):
 
     def draw(self, generator: np.random.Generator) -> float:
         low, high = self.log_uniform
+        # exp(log(high)) may be larger than high by rounding, and a draw beyond its range would be refused.
         return float(np.clip(math.exp(generator.uniform(math.log(low), math.log(high))), low, high))
 
     def examples(self) -> Sequence[float]:
@@ -148,7 +150,7 @@ class NormalDistribution(Strict):
         return float(generator.normal(self.normal.mean, self.normal.std))
 
     def examples(self) -> Sequence[float]:
-        return [self.normal.mean]
+        return [self.normal.mean]  # it has no ends
 
 
 class IntegerDistribution(Strict):
@@ -186,10 +188,8 @@ class ChoiceDistribution(Strict):
 
 def _kind(raw: object) -> str:
     """Tag of a distribution: its key, or ``LIST``."""
-    if isinstance(raw, UniformRange | list):
+    if isinstance(raw, list):
         return LIST
-    if isinstance(raw, Strict):
-        return next(iter(type(raw).model_fields))
     return str(next(iter(raw))) if isinstance(raw, dict) and len(raw) == 1 else NAME
 
 

@@ -55,6 +55,7 @@ class ControlLoopSettings(Strict):
     @property
     def options(self) -> LoopOptions:
         """Options that the file states: plants have defaults of their own for the others."""
+        # A run under faults has another fallback than one without: what the file omits stays open here.
         stated = {name: value for name, value in self if name in self.model_fields_set and value is not None}
         return cast(LoopOptions, stated)
 
@@ -92,7 +93,7 @@ class PlantSettings(Strict):
 
     @model_validator(mode="after")
     def _suit(self) -> PlantSettings:
-        others = sorted(self.model_fields_set - {"type", "servo_time"})
+        others = sorted(self.model_fields_set - {"type", "servo_time"})  # stated, not merely different from a default
         if self.type == "reduced" and others:
             raise ValueError(f"'{others[0]}' belongs to the type 'mujoco'")
         if self.type == "mujoco" and self.servo_time is not None:
@@ -307,6 +308,7 @@ class ScenarioFile(Strict):
     def _constraints_have_ground(self) -> ScenarioFile:
         if self.ground is None:
             return self
+        # Together: a ground that contacts stand on is not useless.
         grounded = kinds.with_ground([*self.constraints, *(each.constraint for each in self.contacts)], self.ground)
         count = len(self.constraints)
         landing = [replace(each, constraint=kind) for each, kind in zip(self.contacts, grounded[count:], strict=True)]
@@ -314,6 +316,7 @@ class ScenarioFile(Strict):
 
     @model_validator(mode="after")
     def _names_exist(self) -> ScenarioFile:
+        # Before anything is built: a comparison would fail after the run.
         asked = self.comparisons if isinstance(self.comparisons, list) else []
         for name in filter(None, (self.variant, *asked)):
             if name not in self.variants:
@@ -340,6 +343,7 @@ def validate(raw: Mapping[str, Json], source: str) -> ScenarioFile:
     return admitted(ScenarioFile, raw, source)
 
 
+# pydantic names the member of a union in the place of an error; a user's file has no such key.
 _UNION_MEMBERS = {"float", "str", "list[float]", "constrained-list", "name", "unknown_masses", "unknown_wheels"}
 _UNION_MEMBERS |= {LIST, "constrained-float", "literal['plan']"}
 

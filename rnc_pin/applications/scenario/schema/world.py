@@ -75,6 +75,7 @@ class RobotSource(Strict):
 
     @model_validator(mode="after")
     def _one_source(self) -> RobotSource:
+        # Settings without effect are refused: a user would look for it.
         if [self.urdf, self.mjcf, self.example].count(None) != 2:
             raise ValueError("expected one of 'urdf', 'mjcf' and 'example'")
         if self.xacro_arguments and self.urdf is None:
@@ -87,6 +88,7 @@ class RobotSource(Strict):
 
     def build(self, folder: Path) -> Robot:
         robot = self._alone(folder)
+        # Before others are mounted: their joints have names and armatures of their own.
         for name, inertia in self.armature.items():
             robot.model.armature[place_of(name, robot.velocity_names, "armature: no joint")] = inertia
         for each in self.attach:
@@ -100,7 +102,7 @@ class RobotSource(Strict):
         if self.example is not None:
             return Robot.from_example(self.example, self.base, lock, self.gravity, snap=snap, masses=masses)
         if self.mjcf is not None:
-            base = self.base if "base" in self.model_fields_set else None
+            base = self.base if "base" in self.model_fields_set else None  # an MJCF states its base
             path = find_mjcf(self.mjcf, folder)
             return Robot.from_mjcf(path, base, lock, self.gravity, package_dirs=packages, snap=snap)
         assert self.urdf is not None
@@ -290,9 +292,10 @@ def build_obstacles(items: Sequence[_Placed | MapObstacle], folder: Path) -> tup
         known = {each.name for each in found}
         try:
             built = item.build(folder, name)
-        except RncError as error:
+        except RncError as error:  # it names a mesh or a motion, and a reader looks for the obstacle
             raise ConfigurationError(f"obstacle '{name}': {error}") from None
         for obstacle in built:
+            # Verdicts, records and pages tell obstacles by their names.
             if obstacle.name in known:
                 raise ConfigurationError(f"obstacles: two are named '{obstacle.name}'")
             found.append(obstacle)
