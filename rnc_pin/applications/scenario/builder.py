@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from rnc_pin.analysis import Grip, wheel_height_findings
+from rnc_pin.applications.scenario import plan_builder
 from rnc_pin.applications.scenario.controllers import ControllerContext
 from rnc_pin.applications.scenario.controllers.base import reduced_velocity
 from rnc_pin.applications.scenario.controllers.feedback import check_output_names
 from rnc_pin.applications.scenario.controllers.tracking import VelocityTrackerSettings
-from rnc_pin.applications.scenario.plan_builder import Plans, Start, plan_path, planned_path, task_references
 from rnc_pin.applications.scenario.schema import ScenarioFile, SimulationSettings
 from rnc_pin.applications.scenario.schema.world import build_obstacles
 from rnc_pin.collision import Obstacle, check_ignored_links
@@ -42,6 +42,7 @@ from rnc_pin.plants import (
 from rnc_pin.robots import Robot
 from rnc_pin.simulation import (
     PLOTTED_QUANTITIES,
+    PlannedPath,
     Provenance,
     SimulationOptions,
     TaskNames,
@@ -153,7 +154,7 @@ class Experiment:
 
 
 def build_experiment(
-    scenario: ScenarioFile, folder: Path, plans: Plans | None = None, reduced: ReducedModel | None = None
+    scenario: ScenarioFile, folder: Path, plans: plan_builder.Plans | None = None, reduced: ReducedModel | None = None
 ) -> Experiment:
     """Build a run from a scenario.
 
@@ -167,11 +168,9 @@ def build_experiment(
     """
     if scenario.outputs is None and scenario.controller is None and scenario.simulation is None:
         raise ConfigurationError("outputs: is missing, and so are controller and simulation; a run needs the last two")
-    if scenario.simulation is None:
-        raise ConfigurationError("simulation: is missing; a run needs {duration: ..., dt: ...}")
+    simulation = scenario.timing
     if scenario.controller is None and not scenario.contacts:
         raise ConfigurationError("controller: is missing; a run needs {type: ..., preset: ...}")
-    simulation = scenario.simulation
     # Before the robot is loaded, which takes longer than anything else here.
     if scenario.planner is None or simulation.duration != "plan":
         try:
@@ -180,14 +179,13 @@ def build_experiment(
             raise ConfigurationError(f"simulation: {error}") from None
     reduced = build_reduced(scenario, folder)[1] if reduced is None else reduced
     _check_plots(scenario, reduced)  # a misspelt plot would fail after the run
-    q0, v2_0 = start_of(scenario, reduced)
-
+    q0, v2_0 = start = start_of(scenario, reduced)
     task = build_task(scenario, reduced)
     obstacles = build_obstacles(scenario.obstacles, folder)
     check_ignored_links(obstacles, reduced.robot)
     motion = None
     if scenario.planner is not None:
-        motion = (Plans() if plans is None else plans).plan(scenario, reduced, Start(q0, v2_0), obstacles)
+        motion = plan_builder.plan_motion(scenario, reduced, start, obstacles, {} if plans is None else plans)
         simulation = simulation.of_plan(motion.duration)
     for frame in scenario.view.trail:
         reduced.robot.frame_id(frame)  # raises for an unknown one, which the page would meet after the run
@@ -198,8 +196,8 @@ def build_experiment(
     if scenario.controller is None:  # contacts fall and slide by themselves
         without, plant = ZeroInput(reduced), build_plant(scenario, reduced, q0)
         return run(without, plant, warnings=doubted, start_findings=at_start, provenance=provenance_of(None))
-    references, given = task_references(scenario, reduced, task, q0, motion)
-    path = plan_path(scenario, reduced, task, q0)
+    references, given = plan_builder.task_references(scenario, reduced, task, q0, motion)
+    path = plan_builder.plan_path(scenario, reduced, task, q0)
     if path.primary is not None:
         references["primary"] = path.primary
     context = ControllerContext(
@@ -228,7 +226,7 @@ def build_experiment(
             provenance_of(built.notes),
             controller=describe(built.controller),
             task=TaskNames(tuple(task.primary_names), tuple(task.redundant_names)),
-            path=path.planned if motion is None else planned_path(motion, reduced, _shown_frame(scenario, reduced)),
+            path=path.planned if motion is None else _drawn_path(scenario, motion, reduced),
         ),
         plan=motion,
         references=references,
@@ -236,23 +234,23 @@ def build_experiment(
     )
 
 
-def start_of(scenario: ScenarioFile, reduced: ReducedModel) -> tuple[np.ndarray, np.ndarray]:
+def start_of(scenario: ScenarioFile, reduced: ReducedModel) -> plan_builder.Start:
     """Initial configuration (nq,) and initial reduced velocity (r,).
 
     Args:
         scenario: a validated scenario.
         reduced: its reduced model.
     """
-    return _initial(scenario, reduced), reduced_velocity(reduced, scenario.initial.v2, "initial.v2")
+    v2_0 = reduced_velocity(reduced, scenario.initial.v2, "initial.v2")
+    return plan_builder.Start(_initial(scenario, reduced), v2_0)
 
 
-def _shown_frame(scenario: ScenarioFile, reduced: ReducedModel) -> str:
-    """Frame whose planned path is drawn: the first trail, or the body of the first joint."""
-    if scenario.view.trail:
-        return scenario.view.trail[0]
-    frames = reduced.robot.model.frames
+def _drawn_path(scenario: ScenarioFile, motion: MotionPlan, reduced: ReducedModel) -> PlannedPath:
+    """Planned path of the first trail, or of the body of the first joint."""
+    frames, trail = reduced.robot.model.frames, scenario.view.trail
     # The first link of a joint, not a frame that a file adds for a tool or a sensor.
-    return next(str(each.name) for each in frames if each.parentJoint == 1 and "BODY" in str(each.type))
+    bodies = (str(each.name) for each in frames if each.parentJoint == 1 and "BODY" in str(each.type))
+    return plan_builder.planned_path(motion, reduced, trail[0] if trail else next(bodies))
 
 
 def _unmeasured(obstacles: Sequence[Obstacle], reduced: ReducedModel) -> tuple[str, ...]:
@@ -372,8 +370,7 @@ def build_plant(scenario: ScenarioFile, reduced: ReducedModel, q0: np.ndarray) -
     Raises:
         RncError: the plant cannot be built from this robot, or a fault names an unknown frame or joint.
     """
-    plant, faults, settings = scenario.plant, scenario.faults, scenario.simulation
-    assert settings is not None
+    plant, faults, settings = scenario.plant, scenario.faults, scenario.timing
     in_mujoco = plant is not None and plant.type == "mujoco"
     if in_mujoco and (settings.joint_damping or settings.joint_friction or settings.substeps is not None):
         raise ConfigurationError(
@@ -422,15 +419,12 @@ def _check_contacts(scenario: ScenarioFile) -> None:
         raise ConfigurationError("plant.servo_time: velocity servos do not support 'contacts'")
     if scenario.faults is not None:
         raise ConfigurationError("faults: do not support 'contacts'")
-    assert scenario.simulation is not None
-    if scenario.simulation.on_lift_off != "ignore":
+    if scenario.timing.on_lift_off != "ignore":
         raise ConfigurationError("simulation.on_lift_off: 'contacts' lift off by themselves; remove it")
 
 
 def _check_servos(scenario: ScenarioFile, servo_time: float | None) -> None:
     """Raise an error unless controller and plant agree about inputs: forces or velocities."""
-    settings = scenario.simulation
-    assert settings is not None
     velocities = "" if scenario.controller is None else scenario.controller.velocity_command
     if velocities and servo_time is None:
         raise ConfigurationError(f"controller.{velocities} requires velocity servos: set plant.servo_time")
@@ -440,7 +434,7 @@ def _check_servos(scenario: ScenarioFile, servo_time: float | None) -> None:
         )
     no_effect = {"joint_damping", "joint_friction", "actuator_limits"}
     # Ideal servos impose velocities, so that forces of a joint change nothing: better refused than ignored.
-    unused = [name for name, value in settings if name in no_effect and value]
+    unused = [name for name, value in scenario.timing if name in no_effect and value]
     if velocities and unused:
         raise ConfigurationError(f"simulation.{unused[0]}: has no effect on ideal velocity servos; remove it")
     faults = None if scenario.faults is None else scenario.faults.faults

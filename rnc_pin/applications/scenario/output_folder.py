@@ -87,15 +87,6 @@ class Manifest:
         except OSError:
             return False
 
-    def remove(self, name: str) -> None:
-        """Delete a file that the manifest owns.
-
-        Args:
-            name: name of the file.
-        """
-        if self.owns(name):
-            (self.folder / name).unlink()
-
     def __or__(self, digests: Mapping[str, list[str]]) -> Manifest:
         """Manifest with further files, and with further contents of the same files."""
         both = {name: [*self.digests.get(name, ()), *found] for name, found in digests.items()}
@@ -227,7 +218,8 @@ class OutputFolder:
         # Files that this run did not write are of an earlier one: beside the new results they would mislead.
         with self.writing() as fresh:
             for name in earlier.digests.keys() - self._kept:
-                earlier.remove(name)
+                if earlier.owns(name):
+                    (self.path / name).unlink()
             Manifest(self.path, self._kept).write(fresh)
 
     def _move(self) -> Manifest:

@@ -19,7 +19,7 @@ from rnc_pin.control import SlitheringReference
 from rnc_pin.errors import ConfigurationError, InputError, RncError
 from rnc_pin.model import Kinematics, ReducedModel, Task
 from rnc_pin.motion import optimal
-from rnc_pin.motion.planning import Hold, OutputTarget, Reference, Way, find_way
+from rnc_pin.motion.planning import CarPath, Hold, OutputTarget, Reference, SteeringGeometry, Way, find_way
 from rnc_pin.plants import ReducedPlant
 from rnc_pin.robots import Robot
 from rnc_pin.simulation import PlannedPath
@@ -117,25 +117,12 @@ def plan_path(scenario: ScenarioFile, reduced: ReducedModel, task: Task, q0: np.
     # Both speed and steering follow from the path, and the trailer's heading: a second reference would contradict.
     if scenario.reference.primary is not None or (settings.trailer and scenario.reference.vertical is not None):
         raise ConfigurationError("reference.path: replaces 'primary' and, with a trailer, 'vertical'; remove those")
-    if len(task.primary) != 2 or reduced.reducing.quasi[task.primary].tolist() != [True, False]:
-        raise ConfigurationError(
-            "reference.path: primary outputs must be forward speed and steering angle, in this order"
-        )
-    speed, steering = (int(index) for index in task.primary)
-    start = frame_poses(reduced.robot, settings.frame, q0[None]).planar[0]
     trailer, slithering = settings.trailer, None
     with ConfigurationError.at("reference.path"):
-        path = settings.path(
-            reduced,
-            q0,
-            start,
-            settings.duration,
-            speed=speed,
-            steering=steering,
-            forward_only=trailer is not None or bool(settings.forward_only),
-        )
+        forward_only = trailer is not None or bool(settings.forward_only)
+        path = _car_path("primary", settings, reduced, q0, task.primary, settings.duration, forward_only)
         if trailer is not None:
-            slithering = trailer.build(reduced, task, settings.frame)
+            slithering = SlitheringReference(reduced, task, settings.frame, trailer.frame, trailer.kingpin)
     poses = np.round(path.poses[:: max(1, len(path.poses) // _POINTS)], 5).tolist()  # as much as a plot resolves
     names = [f"{settings.frame}_{axis}" for axis in "xy"]
     monitored = None
@@ -143,6 +130,26 @@ def plan_path(scenario: ScenarioFile, reduced: ReducedModel, task: Task, q0: np.
         monitored = (np.array([reduced.vertical.names.index(name) for name in names]), path.position)
     planned = PlannedPath(settings.frame, tuple((x, y, heading) for x, y, heading in poses))
     return PathPlan(path.reference, slithering, monitored, planned)
+
+
+def _car_path(
+    role: str,
+    settings: VehiclePath,
+    reduced: ReducedModel,
+    q0: np.ndarray,
+    outputs: np.ndarray,
+    duration: float,
+    forward_only: bool = False,
+) -> CarPath:
+    """Path of a vehicle from its pose at q0 (nq,); ``outputs`` (2,) are indices of speed and steering in x2."""
+    if len(outputs) != 2 or reduced.reducing.quasi[outputs].tolist() != [True, False]:
+        raise ConfigurationError(f"{role} outputs must be forward speed and steering angle, in this order")
+    speed, steering = (int(index) for index in outputs)
+    start = frame_poses(reduced.robot, settings.frame, q0[None]).planar[0]
+    largest = float(np.tan(settings.max_steering) / settings.wheelbase)  # curvature of the front wheel [1/m]
+    geometry = SteeringGeometry(reduced, q0, settings.frame, speed=speed, steering=steering, largest=largest)
+    own = settings.values_of("wheelbase", "via", "max_steering")
+    return CarPath(start, settings.to, duration, forward_only=forward_only, geometry=geometry, **own)
 
 
 # ------------------------------------------------------------------ optimal motion
@@ -155,53 +162,40 @@ class Start(NamedTuple):
     v2: np.ndarray
 
 
-class Plans:
-    """Optimal motions of a scenario and its comparisons: equal problems are solved once."""
-
-    def __init__(self) -> None:
-        self._found: dict[str, optimal.MotionPlan] = {}
-
-    def plan(
-        self, scenario: ScenarioFile, reduced: ReducedModel, start: Start, obstacles: Sequence[Obstacle]
-    ) -> optimal.MotionPlan:
-        """Return the optimal motion of a scenario, like ``build_plan``.
-
-        Args:
-            scenario: a validated scenario with a planner.
-            reduced: its reduced model.
-            start: initial state.
-            obstacles: bodies in the world.
-        """
-        system = (scenario.robot, scenario.constraints, scenario.mimic, scenario.actuators, scenario.forces)
-        problem = (scenario.outputs, scenario.obstacles, scenario.initial, scenario.planner, scenario.seed)
-        chosen = _regulator(scenario)
-        simulation = scenario.simulation
-        assert simulation is not None
-        # Comparisons differ in controllers and gains, rarely in the problem; a plan takes seconds to minutes. All of
-        # these are settings, whose repr has every value.
-        key = repr((system, problem, chosen, simulation.dt, simulation.plant_options))
-        if key not in self._found:
-            self._found[key] = build_plan(scenario, reduced, start, obstacles)
-        return self._found[key]
+Plans = dict[str, optimal.MotionPlan]
+"""Optimal motions of a scenario and its comparisons by what they solve: equal problems are solved once."""
 
 
-def build_plan(
-    scenario: ScenarioFile, reduced: ReducedModel, start: Start, obstacles: Sequence[Obstacle]
+def plan_motion(
+    scenario: ScenarioFile, reduced: ReducedModel, start: Start, obstacles: Sequence[Obstacle], plans: Plans
 ) -> optimal.MotionPlan:
-    """Plan the motion of ``planner``.
+    """Return the optimal motion of a scenario.
 
     Args:
         scenario: a validated scenario with a planner.
         reduced: its reduced model.
         start: initial state.
         obstacles: bodies in the world.
+        plans: motions so far; a new one is added.
 
     Raises:
         RncError: the settings do not fit the model, or no plan is found.
     """
-    settings, simulation = scenario.planner, scenario.simulation
+    system = (scenario.robot, scenario.constraints, scenario.mimic, scenario.actuators, scenario.forces)
+    problem = (scenario.outputs, scenario.obstacles, scenario.initial, scenario.planner, scenario.seed)
+    # Comparisons differ in controllers and gains, rarely in the problem; a plan takes seconds to minutes. All of these
+    # are settings, whose repr has every value.
+    key = repr((system, problem, _regulator(scenario), scenario.timing.dt, scenario.timing.plant_options))
+    if key not in plans:
+        plans[key] = _planned(scenario, reduced, start, obstacles)
+    return plans[key]
+
+
+def _planned(
+    scenario: ScenarioFile, reduced: ReducedModel, start: Start, obstacles: Sequence[Obstacle]
+) -> optimal.MotionPlan:
+    settings, simulation = scenario.planner, scenario.timing
     assert settings is not None
-    assert simulation is not None
     names = (*reduced.reducing.names, *reduced.vertical.names)
     kinematic = settings.form == "kinematic"
     with RncError.at("planner"):
@@ -316,8 +310,9 @@ def _guess(
     if guess is None:
         return None
     if guess.path is not None:
-        reference = _path(guess.path, reduced, start.q, duration)
-        return optimal.driven_configurations(reduced, start.q, reference, duration)
+        with ConfigurationError.at("guess.path"):
+            path = _car_path("reducing", guess.path, reduced, start.q, np.arange(reduced.r), duration)
+        return optimal.driven_configurations(reduced, start.q, path.reference, duration)
     if guess.reducing is not None:
         _, x2 = reduced.at(start.q).outputs()
         motion = guess.reducing.from_start(x2, reduced.reducing.coordinates)
@@ -335,10 +330,3 @@ def _with_joints(robot: Robot, q: np.ndarray, joints: Mapping[str, float | list[
         rows = slice(place.idx_q, place.idx_q + place.nq)
         moved[rows] = given[rows]
     return moved
-
-
-def _path(settings: VehiclePath, reduced: ReducedModel, q0: np.ndarray, duration: float) -> Reference:
-    if reduced.reducing.quasi.tolist() != [True, False]:
-        raise ConfigurationError("guess.path: reducing outputs must be forward speed and steering angle, in this order")
-    poses, _ = frame_poses(reduced.robot, settings.frame, q0[None])
-    return settings.path(reduced, q0, poses[0], duration).reference

@@ -23,7 +23,7 @@ from rnc_pin.applications.scenario.builder import (
 )
 from rnc_pin.applications.scenario.controllers import without_foreign_gains
 from rnc_pin.applications.scenario.files import find_scenario, is_built_in, read_yaml, with_options
-from rnc_pin.applications.scenario.plan_builder import Plans
+from rnc_pin.applications.scenario.plan_builder import Plans, Start
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.scenario import validate
 from rnc_pin.applications.scenario.schema.world import absolute_files, build_obstacles
@@ -233,12 +233,12 @@ class Scenario(SummaryMixin):
     @property
     def q0(self) -> np.ndarray:
         """Initial configuration (nq,)."""
-        return self._start[0]
+        return self._start.q
 
     @property
     def v2_0(self) -> np.ndarray:
         """Initial reduced velocity (r,)."""
-        return self._start[1]
+        return self._start.v2
 
     @property
     def duration(self) -> float:
@@ -256,13 +256,13 @@ class Scenario(SummaryMixin):
         return self.duration + sum(each.duration for each in self.comparisons.values())
 
     @cached_property
-    def _start(self) -> tuple[np.ndarray, np.ndarray]:
+    def _start(self) -> Start:
         with RncError.at(self._label):
             return start_of(self.content, self.reduced)
 
     @cached_property
     def _plans(self) -> Plans:
-        return Plans()
+        return {}
 
     @property
     def _label(self) -> str:

@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal
 
-import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from rnc_pin.applications.scenario.schema.derived import ClassReader, checked, one_of
-from rnc_pin.control import SlitheringReference
 from rnc_pin.io import Numbers, Strict
-from rnc_pin.model import NotNegative, Positive, ReducedModel, Task
+from rnc_pin.model import NotNegative, Positive
 from rnc_pin.motion.optimal import FileLimits, OutputCost, SolverSettings
-from rnc_pin.motion.planning import RELATIVE_REFERENCES, CarPath, RelativeReference, RelativeTable, SteeringGeometry
+from rnc_pin.motion.planning import RELATIVE_REFERENCES, RelativeReference, RelativeTable
 
 _REFERENCES = {**RELATIVE_REFERENCES, "csv": ClassReader(RelativeTable, short="file")}
 ReferenceItem = Annotated[RelativeReference, one_of(**_REFERENCES)]
@@ -34,9 +32,6 @@ class TrailerSettings(Strict):
     frame: str
     kingpin: str | None = None
 
-    def build(self, reduced: ReducedModel, task: Task, tractor: str) -> SlitheringReference:
-        return SlitheringReference(reduced, task, tractor, self.frame, self.kingpin)
-
 
 class VehiclePath(Strict):
     """Path of a steered vehicle, whose reducing outputs are forward speed and steering angle.
@@ -55,30 +50,6 @@ class VehiclePath(Strict):
     via: list[Pose] = []
     max_steering: Annotated[float, Field(gt=0, lt=math.pi / 2)] = math.pi / 4
     frame: str
-
-    def path(
-        self,
-        reduced: ReducedModel,
-        q0: np.ndarray,
-        start: np.ndarray,
-        duration: float,
-        *,
-        speed: int = 0,
-        steering: int = 1,
-        forward_only: bool = False,
-    ) -> CarPath:
-        """Path from a pose (3,) of the frame at a configuration (nq,).
-
-        Args:
-            reduced, q0, start: the model, its configuration, and the pose of the frame there.
-            duration: duration of the motion [s].
-            speed, steering: indices of these reducing outputs.
-            forward_only: True to exclude reverse motion.
-        """
-        largest = float(np.tan(self.max_steering) / self.wheelbase)  # curvature of the equivalent front wheel [1/m]
-        geometry = SteeringGeometry(reduced, q0, self.frame, speed=speed, steering=steering, largest=largest)
-        own = self.values_of("wheelbase", "via", "max_steering")
-        return CarPath(start, self.to, duration, forward_only=forward_only, geometry=geometry, **own)
 
 
 class PathSettings(VehiclePath):

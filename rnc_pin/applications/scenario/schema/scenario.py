@@ -16,7 +16,7 @@ from rnc_pin.applications.scenario.schema.motions import OptimalPlanner, Referen
 from rnc_pin.applications.scenario.schema.run_settings import Distribution, GripSettings, SimulationSettings
 from rnc_pin.applications.scenario.schema.world import ObstacleItem, RobotSource
 from rnc_pin.control.loop import LoopOptions
-from rnc_pin.errors import nearest
+from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.figures import Sheet, Size
 from rnc_pin.interruption import nothing_to_keep
 from rnc_pin.io import LIST, Json, Strict, validated
@@ -295,6 +295,13 @@ class ScenarioFile(Strict):
         """Variants to run for comparison: name to dotted keys and their values."""
         named = self.comparisons
         return named if isinstance(named, dict) else {name: self.variants[name] for name in named}
+
+    @property
+    def timing(self) -> SimulationSettings:
+        """Settings of the simulation, which a run needs."""
+        if self.simulation is None:
+            raise ConfigurationError("simulation: is missing; a run needs {duration: ..., dt: ...}")
+        return self.simulation
 
     def reduced(self, system: NonholonomicSystem) -> ReducedModel:
         """System, reduced to the outputs of the file.
