@@ -185,7 +185,7 @@ def build_experiment(
     check_ignored_links(obstacles, reduced.robot)
     motion = None
     if scenario.planner is not None:
-        motion = plan_builder.plan_motion(scenario, reduced, start, obstacles, {} if plans is None else plans)
+        motion = plan_builder.plan_of_scenario(scenario, reduced, start, obstacles, {} if plans is None else plans)
         simulation = simulation.of_plan(motion.duration)
     for frame in scenario.view.trail:
         reduced.robot.frame_id(frame)  # raises for an unknown one, which the page would meet after the run

@@ -166,7 +166,7 @@ Plans = dict[str, optimal.MotionPlan]
 """Optimal motions of a scenario and its comparisons by what they solve: equal problems are solved once."""
 
 
-def plan_motion(
+def plan_of_scenario(
     scenario: ScenarioFile, reduced: ReducedModel, start: Start, obstacles: Sequence[Obstacle], plans: Plans
 ) -> optimal.MotionPlan:
     """Return the optimal motion of a scenario.
