@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rnc_pin.control.controller import Command, Controller, Description, State, describe
+from rnc_pin.control.controller import Command, Controller, DescribedMixin, Description, State, describe
 from rnc_pin.control.estimation import Estimator, EstimatorState, with_estimated_kinematics
 from rnc_pin.control.position_tracker import PositionState, PositionTracker
 from rnc_pin.errors import ConfigurationError, place_of
@@ -47,7 +47,7 @@ def effective_inertia(reduced: ReducedModel, q: np.ndarray, outputs: np.ndarray,
     return np.linalg.inv(response)
 
 
-class JacobianTransposeController(ReprMixin):
+class JacobianTransposeController(DescribedMixin):
     """``T = (J21 B)^T F21`` on the active actuators, zero on the others.
 
     F21 comes from (8)-(9), so the controller reads neither rates nor inertia. J21 is the Jacobian of the tracked
@@ -75,14 +75,11 @@ class JacobianTransposeController(ReprMixin):
         ((3,), 0.0)
     """
 
-    def __init__(self, reduced: ReducedModel, tracker: PositionTracker, active: Sequence[str]) -> None:
-        self.tracker = tracker
-        self._reduced = reduced
-        self._names, self._active = list(active), _places(reduced, active, tracker.outputs)
+    described = ("active", "tracker")
 
-    def describe(self) -> Description:
-        """Return the active actuators, and the tracker."""
-        return {"type": type(self).__name__, "active": self._names, "tracker": describe(self.tracker)}
+    def __init__(self, reduced: ReducedModel, tracker: PositionTracker, active: Sequence[str]) -> None:
+        self.tracker, self.active = tracker, tuple(active)
+        self._reduced, self._active = reduced, _places(reduced, active, tracker.outputs)
 
     def initial_state(self, measurement: Measurement) -> PositionState:
         """Return the initial state of the tracker.

@@ -85,7 +85,15 @@ def free_motion(
         raise InputError(
             f"duration {duration!r}, dt {dt!r} and tolerance {tolerance} have to be positive, dt at most the duration"
         )
-    dynamics, model = _dynamics(reduced), reduced.reduced if isinstance(reduced, ReducedPlant) else reduced
+    plant = ReducedPlant(reduced) if isinstance(reduced, ReducedModel) else reduced
+    if not isinstance(plant, ReducedPlant):
+        raise InputError("free_motion requires a ReducedModel or a ReducedPlant; use simulate for another plant")
+    if plant.joint_friction:
+        raise InputError(
+            "dry friction is not smooth: free_motion does not support it; use simulate with joint_friction=True"
+        )
+    # Equations of its own: charts follow the motion, and the state of the plant must not change.
+    model, dynamics = plant.reduced, ConstrainedDynamics(plant.reduced, plant.joint_damping, plant.actuator_limits)
     stop_monitor = StopMonitor(stop, model.robot)
     lift_off = LiftOffMonitor(model, model) if stop.lift_off else None
     feedback = inputs if callable(inputs) else None
@@ -139,16 +147,3 @@ def free_motion(
     return complete_run(
         advance, lambda outcome, message: derive(record, replace(info, outcome=outcome, message=message))
     )
-
-
-def _dynamics(plant: ReducedModel | ReducedPlant) -> ConstrainedDynamics:
-    """Equations of motion with the effects of a plant."""
-    if isinstance(plant, ReducedModel):
-        return ConstrainedDynamics(plant)
-    if not isinstance(plant, ReducedPlant):
-        raise InputError("free_motion requires a ReducedModel or a ReducedPlant; use simulate for another plant")
-    if plant.joint_friction:
-        raise InputError(
-            "dry friction is not smooth: free_motion does not support it; use simulate with joint_friction=True"
-        )
-    return ConstrainedDynamics(plant.reduced, plant.joint_damping, plant.actuator_limits)

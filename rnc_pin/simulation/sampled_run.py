@@ -294,7 +294,9 @@ class SampledRun:
             self._lift_off.check(t, state, T, adapter.reported.external)
         # A loop that has only given safe commands has no integrals yet: they are zero at the start.
         integrals = loop.state.integrals if loop.state.integrals is not None else self._zeros
-        measurement, command = self._add(t, state, T, integrals)
+        measurement, command = _last_decision(loop, state)
+        outputs = (measurement.x1, measurement.x2) if measurement.q is state.q else None  # not of a sensor's state
+        self.record.add(t, state, integrals, command, T, adapter.reported, outputs, adapter.measured[1])
         self.samples += 1
         found = Sample(t, measurement, command, T, loop.state.controller)
         if self._observer is not None:
@@ -302,14 +304,6 @@ class SampledRun:
             self._observer(found)
             progress.active_component = MODEL
         return found
-
-    def _add(self, t: float, state: StateEvaluation, T: Array, integrals: Array) -> tuple[Measurement, Command]:
-        """Record a state with the last measurement and command of the loop, and return these."""
-        adapter = self._adapter
-        measurement, command = _last_decision(self.loop, state)
-        outputs = (measurement.x1, measurement.x2) if measurement.q is state.q else None  # not of a sensor's state
-        self.record.add(t, state, integrals, command, T, adapter.reported, outputs, adapter.measured[1])
-        return measurement, command
 
     def advance(self) -> None:
         """Advance the plant to the next sample."""

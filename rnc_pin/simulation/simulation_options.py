@@ -12,8 +12,8 @@ from rnc_pin.analysis import NormalForces, first_lift_off, near_lift_off
 from rnc_pin.analysis.normal_forces import CHANGES
 from rnc_pin.control.controller import Command, Controller, State, VelocityGiving
 from rnc_pin.control.loop import LoopOptions
-from rnc_pin.control.loop.options import admit_controller, admit_model, type_name
-from rnc_pin.errors import ConfigurationError, DivergenceError, InputError, LimitError, nearest
+from rnc_pin.control.loop.options import LoopSettings, admit_controller, admit_model, type_name
+from rnc_pin.errors import ConfigurationError, DivergenceError, InputError, LimitError
 from rnc_pin.io.json import Json
 from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.input_validation import is_number
@@ -235,10 +235,7 @@ class SimulationOptions:
             raise ConfigurationError(
                 f"loop: expected a mapping of options of ControlLoop, found {type_name(self.loop)}"
             )
-        for option in self.loop:
-            if option not in LoopOptions.__annotations__:
-                hint = nearest(str(option), LoopOptions.__annotations__)
-                raise ConfigurationError(f"loop: no option '{option}'{hint}")
+        LoopSettings.of_options(self.loop)  # refuses wrong ones now, and not at the start of a run
         # A copy: the caller may change the mapping between two runs.
         object.__setattr__(self, "loop", dict(self.loop))
         if self.observer is not None and not callable(self.observer):

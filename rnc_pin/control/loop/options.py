@@ -83,7 +83,7 @@ class LoopSettings:
         names = [each.name for each in fields(cls)]
         for name in options:
             if name not in names:
-                raise ConfigurationError(f"a loop has no option '{name}'{nearest(name, names)}")
+                raise ConfigurationError(f"loop: no option '{name}'{nearest(str(name), names)}")
         return cls(**options)
 
     def __post_init__(self) -> None:

@@ -452,7 +452,7 @@ def test_options_that_are_none_are_refused():
         ({"fallback": "panic"}, "fallback of a loop: expected one of hold, brake, zero, raise"),
         ({"limits": np.ones(5)}, "limits of a loop have to be 2 non-negative numbers"),
         ({"cutoff": -1.0, "velocity": "observer"}, "cutoff of a loop has to be positive"),
-        ({"tmeout": 1.0}, "a loop has no option 'tmeout'; did you mean 'timeout'"),
+        ({"tmeout": 1.0}, "loop: no option 'tmeout'; did you mean 'timeout'"),
     ):
         with pytest.raises(rnc.ConfigurationError, match=reason):
             rnc.ControlLoop(reduced, tracker, DT, **options)
