@@ -123,11 +123,13 @@ class FaultyPlant:
             q = pin.integrate(self.model, q, faults.position_noise * noise[0])
         if np.isfinite(faults.counts):
             q = self._quantized(q)
+        # The first sample cannot be lost: there is none to repeat.
         if chance < faults.dropped and self._delayed:
             q, v = self._delayed[-1]
         self._delayed.append((q, v))
         while len(self._delayed) > faults.delay + 1:
             self._delayed.popleft()
+        # Until the delay has passed, the first sample stands for those before it.
         q, v = self._delayed[0]
         return q.copy(), v.copy()
 

@@ -35,6 +35,7 @@ def announce(text: str, quiet: bool = False) -> None:
         text: the activity.
         quiet: print nothing on stdout, because a program reads the results.
     """
+    # A terminal shows both streams; in a pipe, a program reads one of them.
     if sys.stderr.isatty():
         click.echo(f"{printable(text)} ...", err=True)
     elif not quiet:
@@ -67,6 +68,7 @@ def told_each_minute(activity: Callable[[], str], quiet: bool) -> Iterator[None]
 
 def seconds_since_start() -> float:
     """Return the wall time since the start of the command [s]."""
+    # Since before the imports, for which a user waits too.
     return time.perf_counter() - float(click.get_current_context().find_root().obj)
 
 

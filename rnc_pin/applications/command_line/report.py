@@ -107,6 +107,7 @@ def print_summary(summary: Summary, outputs: OutputNames | None = None) -> None:
     word = summary.get("verdict", summary["outcome"])
     console.print(f"{summary['scenario']}: {word}", style="bold", highlight=False)
     errors = _errors(summary, _units(outputs))
+    # Outputs without a reference have no errors.
     if errors.row_count:
         console.print(errors)
     for finding in summary.get("findings", ()):
@@ -141,6 +142,7 @@ def _errors(summary: Summary, units: Mapping[str, str]) -> Table:
 def _invariants(summary: Summary, inputs: Mapping[str, str]) -> Iterator[tuple[str, str]]:
     """Yield what else is known of a run, with its value; the units of inputs are by name."""
     yield "simulated time", f"{summary['duration']:.2f} s"
+    # Records of other programs have none.
     if summary["wall_time"]:
         factor = f"{summary['realtime_factor']:.1f} x real time"
         yield "simulation computed in", f"{summary['wall_time']:.2f} s ({factor})"
@@ -244,6 +246,7 @@ def report_run(scenario: Scenario, result: Result, drawn: Drawn, folder: Path, a
     told = scenario.experiment.warnings
     if report_findings(result.trajectory.verdict, where, " in summary.json", told) == messages.FAILED:
         return messages.FAILED
+    # Behind the verdict: a failure says more than that its pictures are missing.
     if result.interrupted or drawn.interrupted:
         messages.complain(f"interrupted; {where}")
         return messages.FAILED

@@ -129,6 +129,7 @@ def append_row(file: BufferedRandom, row: Row) -> None:
 def _cut_off_torn_line(file: BufferedRandom) -> None:
     """Cut off an incomplete last line, so that the next one begins on a line of its own."""
     size = file.seek(0, os.SEEK_END)
+    # The end alone: no row is longer than ``LARGEST``.
     start = file.seek(max(0, size - LARGEST))
     file.truncate(start + file.read().rfind(b"\n") + 1)
     file.seek(0, os.SEEK_END)
@@ -243,6 +244,7 @@ def sweep_folder(path: Path, specification: Specification, force: bool) -> Itera
         # After the old runs are gone: a kill in between leaves a folder without runs, and not runs of another sweep.
         with atomic_file(path / SPECIFICATION) as partial:
             partial.write_text(content + "\n", encoding="utf-8")
+        # To read its last line and to append: this mode needs a file.
         (path / RUNS).touch()
         file = stack.enter_context((path / RUNS).open("r+b"))
         _cut_off_torn_line(file)
@@ -285,6 +287,7 @@ def _clean(path: Path, everything: bool) -> None:
     if everything:
         old += [runs, *(path / name for name in REPORTS)]
     for each in old:
+        # A link itself, and not what it points to.
         if each.is_file() or each.is_symlink():
             each.unlink()
 

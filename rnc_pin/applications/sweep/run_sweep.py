@@ -209,6 +209,7 @@ def _rows(runs: Runs, numbered: Iterator[Numbered], jobs: int | str) -> Rows:
         ConfigurationError: the scheduler cannot be reached, or a worker has another release or kernel.
         SimulationError: a worker ended unexpectedly.
     """
+    # One process is this one: no workers have to start.
     alone = jobs == 1 or (jobs == -1 and cpu_count() == 1)
     with ExitStack() as stack:
         rows = (runs.row(*each) for each in numbered) if alone else _from_workers(runs, numbered, jobs, stack)
@@ -240,11 +241,13 @@ def _close(rows: Rows) -> None:
 def _from_workers(runs: Runs, numbered: Iterator[Numbered], jobs: int | str, stack: ExitStack) -> Rows:
     """Rows from local processes, or from a Dask cluster until ``stack`` closes."""
     try:
+        # Once for all runs: a task then has bytes, a number and at most a draw.
         pickled = cloudpickle.dumps(runs)
     except Exception as error:  # whatever the objects of a user raise
         raise InputError(f"build cannot be pickled for other processes: {error}") from error
     if isinstance(jobs, str):
         stack.enter_context(_dask_cluster(jobs))
+        # All workers of the cluster; they end with their scheduler, and not with this process.
         parent, count = None, -1
     else:
         # One thread in each: processes use all cores already.

@@ -274,6 +274,7 @@ class FunctionRuns(Runs):
         draw = next(draws)
         row = to_json_mapping(draw, f"draws: run {run}")
         try:
+            # A copy: the function may change it, and the row has what was drawn.
             trajectory = _simulated(self._build(dict(draw)))
         except RncError as error:
             if not isinstance(error.trajectory, Trajectory):
@@ -323,6 +324,7 @@ class ScenarioRuns(Runs):
 
     def __init__(self, scenario: str, options: Mapping[str, Json], draws: SeededDraws | None = None) -> None:
         super().__init__(draws)
+        # Warnings are a column of the rows.
         self._file = replace(Scenario.read(scenario), show_warnings=False)
         self._options = dict(options)
         self._seed = self._file.with_options(self._options).content.seed

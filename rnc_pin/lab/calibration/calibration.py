@@ -299,6 +299,7 @@ class PoseProblem:
             p: parameters (P,).
             windows: windows, each with its best first pose.
         """
+        # With the best first pose of each window: where the path begins is no error of the robot.
         distance, angle = self.fit(windows).at(p).sizes
         rms, turned = (float(np.sqrt(np.mean(each**2))) for each in (distance, angle))
         return PathError(float(distance.mean()), rms, float(distance.max()), turned, len(distance))

@@ -103,6 +103,7 @@ class RollingMotion:
         others = [column for column in columns.values() if acting[column] and column not in measured]
         self._unknown_columns = [*geometry.base, *others]
         self._columns = [*self._unknown_columns, *(each.column for each in self._joints)]
+        # The worst of the drawn shapes may be singular by chance: one regular shape is enough.
         values = np.linalg.svd(sample[:, :, self._unknown_columns], compute_uv=False)
         regular = 1e-6  # smallest singular value of the unit rows of the base, relative to the largest
         if sample.shape[1] < len(self._unknown_columns) or (values[:, -1] < regular * values[:, 0]).all():
@@ -152,6 +153,7 @@ class RollingMotion:
         ]
         path = RolledPath(self.time, *self._steps(p), len(p))
         base = path.at(times - sum(p[k] for k in late))
+        # Places that are no parameters stay as in the file.
         mount = self.mount.copy()
         places = [(k, ("x", "y", "yaw").index(each.kind.axis)) for k, each in enumerate(self.parameters)
                   if isinstance(each.kind, unknowns.SensorPlace)]  # fmt: skip

@@ -64,6 +64,7 @@ def extended_robot(robot: Robot, virtual: Sequence[Virtual]) -> Robot:
         at[index] = new.addJoint(parent, old.joints[index], here, name)
         new.appendBodyToJoint(at[index], old.inertias[index], pin.SE3.Identity())
     for frame in list(old.frames)[1:]:
+        # Without its inertia, which came with the body of the joint.
         new.addFrame(pin.Frame(frame.name, at[frame.parentJoint], 0, frame.placement, frame.type), False)
     found = copy(robot)
     NamedModel.__init__(found, new)
@@ -122,6 +123,7 @@ class RowGeometry:
                 raise ConfigurationError(f"radius of {wheel}: no wheel or ball rolls there")
 
     def _bound(self, robot: Robot, block: Rows) -> _Block:
+        # Rows of heights hold in any case: the base is planar.
         kept = [k for k in range(len(block.names)) if not (block.on_ground and block.holonomic and block.holonomic[k])]
         if block.kind is not None:
             return _Block(block.kind, block.kind.bind(self._robot), kept)

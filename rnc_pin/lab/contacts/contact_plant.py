@@ -230,6 +230,7 @@ class ContactPlant:
         while end - self._time > rest * dt:
             left = end - self._time
             plant = self._plant
+            # While contacts slide, the plant chooses its step; else one step goes to the end of the sample.
             step = plant.step(left, dt) if isinstance(plant, SlidingPlant) else ReducedStep(plant, left)
             open_contacts = [number for number in range(len(self._contacts)) if number not in self.closed]
             watched = [self._watched_gap(number) for number in open_contacts]
@@ -238,6 +239,7 @@ class ContactPlant:
             found = first_event(step, watched)
             elapsed = step.dt if found is None else found[0]
             step.move_to(elapsed)
+            # Exactly the end: sums of steps miss it by rounding.
             self._time = end if elapsed == left else min(self._time + elapsed, end)
             if isinstance(step, SlidingStep):
                 self._note(step.take())
@@ -306,6 +308,7 @@ class ContactPlant:
         """Start another plant at a state, under the present inputs."""
         if isinstance(self._plant, SlidingPlant):
             self._plant.end_sample()
+        # One run has one estimate of its errors, whichever plant integrates.
         T, errors = self._plant.applied, self._plant.errors
         plant.reset(q, v, self._time)
         plant.apply(T)
@@ -325,10 +328,12 @@ class ContactPlant:
     def _land(self, cause: str, number: int | None = None) -> None:
         """Apply the impact of the contacts that touch, and close the contacts that stay."""
         q, v = self._plant.read()
+        # Constraints that depend on time are those of this instant.
         state = self._flight.reduced.frozen(self._time).at(q, v=v)
         touches = 1e-8  # gap over the radius of gyration of a contact that touches
         near = frozenset(np.flatnonzero(self._gaps(state) <= touches * self._size).tolist())
         numbers = frozenset[int]() if number is None else frozenset([number])
+        # The contact that was located counts, also if rounding leaves it a gap.
         touching = self.closed | near | numbers
         layout = self._rows.layout(touching, joints=False)
         rows, ground = self._rows.at(state, layout)
@@ -414,6 +419,7 @@ class ContactModes:
         if closed not in self._plants:
             kinds = [self._contacts[number].contact.constraint for number in sorted(closed)]
             try:
+                # A set may hold the whole robot, as the four corners of a box do.
                 reduced = self._system.with_constraints(kinds, may_stop=True).reduce()
             except ConstraintError as error:
                 raise error.within(f"contacts {self.names(closed)} closed") from None
@@ -487,6 +493,7 @@ class ReducedStep:
 
     def __init__(self, plant: ReducedPlant, dt: float) -> None:
         self._plant, self.dt, self._start = plant, dt, plant.checkpoint()
+        # The whole step first: most steps have no event.
         plant.advance(dt)
         self._end = plant.checkpoint()
         self._steps = self._end.errors.used  # one number, so that the state depends continuously on the time

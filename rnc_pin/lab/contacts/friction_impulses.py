@@ -110,7 +110,9 @@ class FrictionImpulses:
         wanted = stopped.copy()
         wanted[normals] += coefficients * rates  # rates are negative: the rows have to leave at -e rate
         more = type(self)(G, wanted, normals, self._groups).solve()
+        # Along a normal the velocity falls from its rate to zero: its mean times the impulse is the work.
         compression = max(-0.5 * float(p[normals] @ rates), 0.0)
+        # Energy that the compression took, friction included: a rebound cannot return more.
         removed = max(-float((p - first) @ (y + 0.5 * G @ (p - first))), 0.0)
         allowed = min(float(coefficients.max()) ** 2 * compression, removed)
         linear, square = float(more @ stopped), float(more @ G @ more)
@@ -200,6 +202,7 @@ class RigidImpulses(FrictionImpulses):
         at_rest = 1e-8  # velocity that counts as zero, relative to the largest, plus 1
         still = at_rest * (1.0 + float(np.abs(self._b).max()))
         none = 1e-9  # impulse that counts as zero, relative to the sum of all, plus 1
+        # The largest set first: contacts that touch stay closed where they can.
         for closed in subsets(range(len(self._normals))):
             p = self._closing(closed)
             y = self._b + self._G @ p
@@ -304,5 +307,6 @@ def contact_impact(
     if problem.is_slow(rest):
         impulses = problem.stop()
     else:
+        # Slow rebounds end at once: else a ball would bounce infinitely often in a finite time (Zeno).
         impulses = problem.impact(np.where(-restitution * rates > rest, restitution, 0.0))
     return impulses, v + W @ impulses

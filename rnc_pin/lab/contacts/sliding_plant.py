@@ -117,6 +117,7 @@ class SlidingPlant:
         layout = self._rows.layout(touching)
         rows, ground = self._rows.at(state, layout)
         slip = rows @ state.v - ground
+        # Forces of other rows are no guess for those of these.
         self._now = self._present = self._now._replace(slip=slip, rates=np.zeros(0))
         return self._note(self._slides(layout, slip))
 
@@ -303,6 +304,7 @@ class SlidingPlant:
         changes = sliding != self._now.sliding
         if len(start.slip) == len(slip):
             moving = (each.rows for each, key in zip(layout.groups, layout.keys, strict=True) if key in sliding)
+            # Slip that turns back came to rest within the step, where friction jumps.
             changes = changes or any(slip[own] @ start.slip[own] < 0.0 for own in moving)
         work = start.work + h * 0.5 * float((start.v + v) @ outside)
         return _Solved(q, v, work, force, pushing, sliding, p / h, slip, changes)

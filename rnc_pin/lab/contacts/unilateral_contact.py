@@ -103,6 +103,7 @@ class BoundContact:
             )
         self.has_limit = contact.friction is not None
         self.needs_coefficient = bool(slips) and contact.friction is None
+        # Rows without friction would only make the problem larger.
         slips = [] if contact.friction == 0.0 else slips
         self._order = [self._height, *slips]
         self.names = tuple(rows.names[row] for row in self._order)
@@ -307,4 +308,5 @@ def radius_of_gyration(model: pin.Model, q: np.ndarray) -> float:
     data = model.createData()
     pin.ccrba(model, data, q, np.zeros(model.nv))
     total = data.Ig
+    # The trace of the inertia is twice the sum of m r^2.
     return float(np.sqrt(np.trace(total.inertia) / (2.0 * total.mass)))

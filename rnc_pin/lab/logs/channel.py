@@ -229,6 +229,7 @@ class Channel:
     @property
     def period(self) -> float:
         """Usual interval between samples: the median [s]."""
+        # The median: gaps and jitter hardly move it.
         return float(np.median(np.diff(self.time)))
 
     @property

@@ -52,6 +52,7 @@ class BodyTree:
         self._limits = joint_limits
         self._planned: list[tuple[str, Callable[[int, int], joint_coordinates.JointCoordinates]]] = []
         """Name of the first MuJoCo joint of a joint, and its conversion as a function of the indices in MuJoCo."""
+        # Angles are radians here, and degrees in MuJoCo's files.
         spec.compiler.degree = False
         spec.option.gravity = robot.model.gravity.linear
         self.bodies: list[mujoco.MjsBody] = [spec.worldbody]
@@ -189,6 +190,7 @@ def _singles(joint: pin.JointModel) -> Iterator[_Single]:
 def _single(joint: pin.JointModel, placement: pin.SE3) -> _Single | None:
     if joint.nv != 1:
         return None
+    # By its motion alone: so every kind of hinge and slide has its axis, also inside a composite.
     alone = pin.Model()
     alone.addJoint(0, joint, pin.SE3.Identity(), "alone")
     motion = pin.computeJointJacobians(alone, alone.createData(), pin.neutral(alone)).reshape(6)

@@ -83,6 +83,7 @@ def _shape(contact: ContactBody, radius: float) -> tuple[mujoco.mjtGeom, list[fl
 
 def _pair(spec: mujoco.MjSpec, contact: ContactBody, settings: MuJoCoSettings) -> None:
     sliding, torsional, rolling = settings.friction
+    # As few directions as the coefficients need: each is a row of MuJoCo's problem.
     condim, first, second = 6 if rolling else 4 if torsional else 3, sliding, sliding
     if contact.friction == "none":
         condim = 1
@@ -222,6 +223,7 @@ class Ground:
     def used(self) -> np.ndarray:
         """Return tangential force over friction limit, (w,); zero for a wheel off the ground."""
         normal, tangential, _ = self._measured()
+        # MuJoCo's own friction, and the drive force that acts beside it.
         force = np.hypot(np.linalg.norm(tangential, axis=1), self._along)
         allowed = self._friction * normal
         return np.divide(force, allowed, out=np.zeros_like(normal), where=allowed > 0)
@@ -242,6 +244,7 @@ class Ground:
         places, rows = self._place[touching.geom].max(axis=1, initial=-1), touching.efc_address
         numbers = np.flatnonzero((places >= 0) & (rows >= 0))
         if len(numbers):
+            # The normal row of a contact comes first, then both tangential ones.
             sums, entries = self._sums(places[numbers]), rows[numbers, None] + np.arange(3)
             total = sums @ data.efc_force[entries]
             moving = data.efc_vel[entries[:, 1:]]

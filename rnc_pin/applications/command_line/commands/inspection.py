@@ -115,6 +115,7 @@ def inspect_system(system: str, options: tuple[str, ...], samples: int, seed: in
         lines = [(label, items(listed or ["none"])) for label, listed in names.items()]
         print_object(report, f"{system} ({reduced.robot.name})", lines)
         uses, _ = find_uses(scenario)
+        # The best three: the analysis fits on a page, and ``explore`` has all.
         for k in best_rows(uses, 3):
             click.echo(uses[k].title)
         click.echo(f"more: rnc-pin explore {shlex.quote(system)}")
@@ -179,5 +180,6 @@ def explore_system(
     if not verdict.succeeded:
         warn(f"the run of {write} fails: {verdict.first}")
         return FAILED
+    # Beside JSON on the other stream: a program reads standard output.
     click.echo(f"wrote {write}, whose run succeeded: rnc-pin run {shlex.quote(str(write))}", err=as_json)
     return None
