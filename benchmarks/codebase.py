@@ -4,8 +4,7 @@
     python -m benchmarks.codebase FOLDER       # another checkout
     python -m benchmarks.codebase --check      # fails if this tree is larger than the table of CONTRIBUTING.md allows
 
-Lines without comments leave out blank lines, comments and docstrings. The core is what reduces, analyses and controls;
-the periphery reads files, draws, runs commands and talks to other programs.
+Lines without comments leave out blank lines, comments and docstrings.
 """
 
 from __future__ import annotations
@@ -29,9 +28,7 @@ from rich.table import Table
 
 from rnc_pin.lazy_exports import listed_exports
 
-CORE = ("model", "math", "constraints", "outputs", "analysis", "control", "references", "motion", "simulation")
 MOST_PARAMETERS, MOST_LINES, LARGE_MODULE = 8, 60, 350
-EVALUATION = {"ConfigurationEvaluation", "StateEvaluation", "Evaluation"}
 _SKIPPED = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER)
 _QUESTIONS = re.compile(r"(What|Where|Whether|Who|Whose|Whoever|Which|How)\b")
 
@@ -61,19 +58,6 @@ def parameters(function: Function) -> int:
     given = function.args
     names = [each.arg for each in (*given.posonlyargs, *given.args, *given.kwonlyargs)]
     return len([name for name in names if name not in ("self", "cls")])
-
-
-def public_members(tree: ast.AST, names: set[str]) -> set[str]:
-    """Public methods, properties and forwarded quantities of classes."""
-    found: set[str] = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.ClassDef) and node.name in names:
-            for each in node.body:
-                if isinstance(each, Function):
-                    found.add(each.name)
-                elif isinstance(each, ast.Assign):
-                    found |= {target.id for target in each.targets if isinstance(target, ast.Name)}
-    return {name for name in found if not name.startswith("_")}
 
 
 def imports(package: Path, trees: dict[Path, ast.Module]) -> set[tuple[str, str]]:
@@ -126,7 +110,6 @@ def measure(root: Path) -> dict[str, object]:
     lengths = [(each.end_lineno or each.lineno) - each.lineno + 1 for each in every]
     sizes = {path: len(text.splitlines()) for path, text in sources.items()}
     code = {path: code_lines(text) for path, text in sources.items()}
-    core = sum(lines for path, lines in code.items() if path.relative_to(package).parts[0] in CORE)
     docstrings = [
         text
         for tree in trees.values()
@@ -141,10 +124,6 @@ def measure(root: Path) -> dict[str, object]:
     arrows = {(first, second) for first, second in between if first and second and first != second}
 
     percentile = sorted(lengths)[len(lengths) * 95 // 100]
-
-    def members(names: set[str]) -> int:
-        return len(set().union(*(public_members(tree, names) for tree in trees.values())))
-
     return {
         "modules": len(sources),
         "rooms, arrows between them": f"{len({each for arrow in arrows for each in arrow})}, {len(arrows)}",
@@ -152,8 +131,6 @@ def measure(root: Path) -> dict[str, object]:
         "modules with one importer": sum(count == 1 for count in importers.values()),
         "lines": sum(sizes.values()),
         "lines without comments": sum(code.values()),
-        "  of these core": core,
-        "  of these periphery": sum(code.values()) - core,
         "module, median and largest": f"{statistics.median(sizes.values()):.0f}, {max(sizes.values())}",
         f"modules over {LARGE_MODULE} lines": sum(size > LARGE_MODULE for size in sizes.values()),
         "function, median and 95th percentile": f"{statistics.median(lengths):.0f}, {percentile}",
@@ -162,9 +139,6 @@ def measure(root: Path) -> dict[str, object]:
             parameters(each) > MOST_PARAMETERS for each in every
         ),
         "exported names": len(listed_exports(package / "__init__.pyi", package.name)),
-        "public members: evaluation": members(EVALUATION),
-        "public members: ReducedModel": members({"ReducedModel"}),
-        "public members: Robot": members({"Robot"}),
         "uses of Any": sum(len(re.findall(r"\bAny\b", text)) for text in sources.values()),
         "docstrings": len(docstrings),
         "  that start with a question word": sum(bool(_QUESTIONS.match(text)) for text in docstrings),

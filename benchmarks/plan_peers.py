@@ -9,9 +9,6 @@ Before times count, its accelerations and the optimal costs have to agree with t
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -21,6 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 import rnc_pin as rnc
+from benchmarks.peers.environments import answer
 from benchmarks.planned_models import mobile_manipulator
 from benchmarks.whole_body import model as tiago
 from rnc_pin.motion.optimal import (
@@ -75,14 +73,9 @@ def updates() -> None:
     print(f"updates within bounds of the inputs, one iteration, {_NODES} intervals; processor time [ms]", flush=True)
     reduced, q0, _, costs = _arm()
     print(f"  Panda, torques: {_update(reduced, q0, costs, _LIMIT, _DURATION)}", flush=True)
+    tip = rnc.FramePosition("tip", "xy")
     tips: dict[str, tuple[rnc.ReducedModel, Form, float, rnc.FramePosition, list[float]]] = {
-        "mobile manipulator, forces": (
-            mobile_manipulator(),
-            "dynamic",
-            4.0,
-            rnc.FramePosition("tip", "xy"),
-            [2.4, 0.3],
-        ),
+        "mobile manipulator, forces": (mobile_manipulator(), "dynamic", 4.0, tip, [2.4, 0.3]),
         "TIAGo, accelerations": (tiago(), "acceleration", 1.0, rnc.FramePosition("arm_7_link"), [0.9, 0.3, 0.9]),
     }
     for name, (reduced, form, limit, tip, target) in tips.items():
@@ -148,10 +141,6 @@ def _update(
 
 def beside(robot: rnc.Robot, goal: np.ndarray, here: list[float]) -> None:
     """Print what Crocoddyl finds, if it is there and computes the same accelerations."""
-    interpreter = os.environ.get(_VARIABLE)
-    if not interpreter:
-        print(f"  Crocoddyl is missing: {_VARIABLE} names no interpreter of an environment that has it")
-        return
     generator, n = np.random.default_rng(0), robot.nv
     states = [(robot.random_configuration(generator), *generator.normal(size=(2, n))) for _ in range(5)]
     problem = {
@@ -167,23 +156,18 @@ def beside(robot: rnc.Robot, goal: np.ndarray, here: list[float]) -> None:
         "start": _START,
         "nodes": _NODES,
     }
-    command = [interpreter, str(_SCRIPT)]
-    done = subprocess.run(command, input=json.dumps(problem), text=True, capture_output=True, check=False)
-    if done.returncode:
-        print(f"  Crocoddyl is missing: {interpreter}: {done.stderr.strip().splitlines()[-1]}")
+    found = answer("Crocoddyl", _VARIABLE, _SCRIPT, problem)
+    if found is None:
         return
-    answer = json.loads(done.stdout)
     data = robot.model.createData()
     exact = np.array([pin.aba(robot.model, data, *state) for state in states])
-    error = float(np.abs(np.array(answer["accelerations"]) - exact).max() / np.abs(exact).max())
+    error = float(np.abs(np.array(found["accelerations"]) - exact).max() / np.abs(exact).max())
     if error > 1e-8:
-        print(f"  Crocoddyl {answer['version']} computes other accelerations, relative error {error:.1e}: not timed")
+        print(f"  Crocoddyl {found['version']} computes other accelerations, relative error {error:.1e}: not timed")
         return
-    for bounded, found in enumerate(answer["solutions"]):
-        apart = abs(found["cost"] / here[bounded] - 1)
-        within = not bounded or found["effort"] <= _LIMIT * (1 + 1e-6)
-        same = "" if apart < _SAME and found["feasible"] and within else ", NOT the same optimum"
-        name = f"Crocoddyl {answer['version']}, {_words(bool(bounded))}"
-        print(
-            f"  {name}: solve {1e3 * found['time']:.1f} in {found['iterations']} iterations, {found['cost']:.5f}{same}"
-        )
+    for bounded, each in enumerate(found["solutions"]):
+        apart = abs(each["cost"] / here[bounded] - 1)
+        within = not bounded or each["effort"] <= _LIMIT * (1 + 1e-6)
+        same = "" if apart < _SAME and each["feasible"] and within else ", NOT the same optimum"
+        name, solved = f"Crocoddyl {found['version']}, {_words(bool(bounded))}", f"solve {1e3 * each['time']:.1f}"
+        print(f"  {name}: {solved} in {each['iterations']} iterations, {each['cost']:.5f}{same}")

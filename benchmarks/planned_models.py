@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import rnc_pin as rnc
 from rnc_pin.motion.optimal import OutputBound, VelocityBound
 
 
-def knife_edge() -> rnc.ReducedModel:
+def knife_edge(inputs: Sequence[rnc.FrameForce | rnc.FrameTorque] = ()) -> rnc.ReducedModel:
     robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
-    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")])
+    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], inputs)
     return system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
 
 

@@ -34,7 +34,7 @@ import coal
 import numpy as np
 
 import rnc_pin as rnc
-from benchmarks.planned_models import car, mobile_manipulator, tractor
+from benchmarks.planned_models import car, knife_edge, mobile_manipulator, tractor
 from rnc_pin.lab.faults import FaultyPlant
 from rnc_pin.motion.optimal import (
     BoundKind,
@@ -99,19 +99,16 @@ class Case:
         """Drawn start (nq,)."""
         draw = np.random.default_rng(seed)
         place, angle, heading = 3.0 * np.sqrt(draw.uniform()), *draw.uniform(-np.pi, np.pi, 2)
-        joints: dict[str, object] = {
-            name: value + draw.uniform(-self.spread, self.spread) for name, value in self.joints.items()
-        }
+        joints: dict[str, object] = {}
+        for name, value in self.joints.items():
+            joints[name] = value + draw.uniform(-self.spread, self.spread)
         if self.frame is not None:
             joints["root_joint"] = [place * np.cos(angle), place * np.sin(angle), heading]
         return np.array(reduced.robot.configuration(joints))
 
 
 def edge() -> rnc.ReducedModel:
-    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
-    inputs = [rnc.FrameForce("sleigh", "x"), rnc.FrameTorque("sleigh", "z")]
-    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], inputs)
-    return system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+    return knife_edge([rnc.FrameForce("sleigh", "x"), rnc.FrameTorque("sleigh", "z")])
 
 
 def drive() -> rnc.ReducedModel:
@@ -207,9 +204,8 @@ def controller_of(
     goal = case.goal()
     if setting.control == "plan":
         tolerance = 0.4 * setting.allowed
-        return SetPointController(
-            reduced, goal, case.duration, form="acceleration", bounds=bounds, limits=None, tolerance=tolerance
-        )
+        options = {"form": "acceleration", "bounds": bounds, "limits": None, "tolerance": tolerance}
+        return SetPointController(reduced, goal, case.duration, **options)
     costs = [SetPointCost(goal, weight=10.0, velocity_weight=0.1), EffortCost(0.01)]
     if setting.control == "quadratic":
         squares = [OutputCost(output, value, weight=10.0, phase="both") for output, value in goal.items()]

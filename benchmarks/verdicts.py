@@ -36,15 +36,9 @@ from rnc_pin.simulation import Trajectory
 from rnc_pin.verdict import FindingKind
 
 KINDS = (
-    FindingKind.POSITION,
-    FindingKind.VELOCITY,
-    FindingKind.EFFORT,
-    FindingKind.ACCELERATION,
-    FindingKind.SLIP,
-    FindingKind.COLLISION,
-    FindingKind.CLEARANCE,
-    FindingKind.GOAL,
-)
+    FindingKind.POSITION, FindingKind.VELOCITY, FindingKind.EFFORT, FindingKind.ACCELERATION, FindingKind.SLIP,
+    FindingKind.COLLISION, FindingKind.CLEARANCE, FindingKind.GOAL,
+)  # fmt: skip
 STEP = 1e-3  # of the replay [s]
 UNDECIDED = 1e-3  # depth or shortfall of a distance that may be judged either way [m]
 ROUNDING = 1e-9
@@ -86,7 +80,9 @@ def smallest_distances(
     links = len(pairs.shapes) - len(obstacles)
     model, data = robot.model, robot.model.createData()
     objects = robot.collision_model.geometryObjects
-    radii = [float(np.linalg.norm(shape.aabb_radius)) for shape in computed(pairs.shapes)]
+    for shape in pairs.shapes:
+        shape.computeLocalAABB()
+    radii = [float(np.linalg.norm(shape.aabb_radius)) for shape in pairs.shapes]
     centers = [np.array(shape.aabb_center) for shape in pairs.shapes]
     smallest = {True: np.inf, False: np.inf}
     request, result = coal.DistanceRequest(), coal.DistanceResult()
@@ -104,13 +100,6 @@ def smallest_distances(
                 found = coal.distance(pairs.shapes[first], one, pairs.shapes[second], other, request, result)
                 smallest[obstacle] = min(smallest[obstacle], found)
     return smallest
-
-
-def computed(shapes: Any) -> Any:
-    """Shapes with their bounding boxes."""
-    for shape in shapes:
-        shape.computeLocalAABB()
-    return shapes
 
 
 def exceeds(run: Trajectory, robot: rnc.Robot) -> dict[FindingKind, bool]:
@@ -258,10 +247,8 @@ def tighten(robot: rnc.Robot, run: Trajectory, generator: np.random.Generator) -
         if joint.nq == 1:
             low, high = float(run.q[:, q].min()), float(run.q[:, q].max())
             middle, half = 0.5 * (low + high), 0.5 * (high - low) + 0.05
-            model.lowerPositionLimit[q], model.upperPositionLimit[q] = (
-                middle - share[0] * half,
-                middle + share[0] * half,
-            )
+            model.lowerPositionLimit[q] = middle - share[0] * half
+            model.upperPositionLimit[q] = middle + share[0] * half
         model.upperVelocityLimit[v] = share[1] * (float(np.abs(run.v[:, v]).max()) + 0.01)
     for column, name in enumerate(run.info.outputs.T):
         if name in robot.joint_names and generator.random() < 0.5:
@@ -324,10 +311,7 @@ def cost(name: str, repeats: int = 3) -> str:
 
 def matrix(cases: list[dict[FindingKind, Case]]) -> str:
     """Confusion matrix as rows of a table."""
-    lines = [
-        "| finding | true and found | missed | invented | neither | within the tolerance |",
-        "|---|---|---|---|---|---|",
-    ]
+    lines = ["| finding | true and found | missed | invented | neither | within the tolerance |", f"|{'---|' * 6}"]
     for kind in KINDS:
         counts = Counter((case[kind].true, case[kind].found) for case in cases)
         undecided = counts[None, True] + counts[None, False]

@@ -12,8 +12,9 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import coal
 import numpy as np
@@ -28,11 +29,12 @@ from rnc_pin.errors import ConfigurationError, InfeasibleError
 from rnc_pin.motion.planning import OutputTarget, Way, WaySettings, find_steering, find_way
 from rnc_pin.motion.planning.action_models import KinematicFlow
 from rnc_pin.motion.planning.exact_steering import ExactMotion
-from rnc_pin.motion.planning.steering_detection import planned_velocities
+from rnc_pin.motion.planning.steering_detection import SampledBases
 from rnc_pin.motion.planning.way_checking import WayChecker
 
 _CLEARANCE, _ROOM = 0.01, 0.05  # [m] that the search keeps, and that the way of the construction has
 _STOPS, _BOXES, _TRIES = 3, 30, 300
+_FINGERS = {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}
 _PIECES = 100  # steps of each random input
 _DENSE = 0.01  # [m or rad] between the samples of the replay
 _REACHED = 1e-6  # [m or rad] error at the goal
@@ -76,21 +78,14 @@ def tiago() -> rnc.ReducedModel:
     return rnc.NonholonomicSystem(robot, wheels).reduce()
 
 
-def panda() -> rnc.ReducedModel:
-    robot = rnc.Robot.from_example("panda", lock={"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0})
-    return rnc.NonholonomicSystem(robot, []).reduce()
-
-
-def mecanum_arm() -> rnc.ReducedModel:
-    """The arm on a base that moves in any direction, as one on Mecanum wheels does."""
-    lock = {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}
-    robot = rnc.Robot.from_example("panda", base="planar", lock=lock)
-    return rnc.NonholonomicSystem(robot, []).reduce()
+def panda(base: Literal["fixed", "planar"] = "fixed") -> rnc.ReducedModel:
+    """The arm; a planar base moves in any direction, as one on Mecanum wheels does."""
+    return rnc.NonholonomicSystem(rnc.Robot.from_example("panda", base=base, lock=_FINGERS), []).reduce()
 
 
 def flying_arm() -> rnc.ReducedModel:
     """The arm on a satellite with thrusters."""
-    arm = rnc.Robot.from_example("panda", lock={"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0})
+    arm = rnc.Robot.from_example("panda", lock=_FINGERS)
     satellite = rnc.Robot.from_urdf("satellite.urdf", base="free", gravity=(0, 0, 0))
     return rnc.NonholonomicSystem(satellite.attach(arm, "mount"), []).reduce()
 
@@ -100,8 +95,8 @@ WORLDS = {
     "car in a lot": World(car, 5.0, (0.6, 0.6, 1.0), (1.0, 2.5, 1.0)),
     "arm among boxes": World(panda, 0.9, (0.08, 0.08, 0.08), (0.25, 0.25, 0.5), (0.1, 0.9)),
     "free-flying arm in a truss": World(flying_arm, 3.0, (0.1, 0.1, 0.1), (0.2, 3.0, 2.0), (-3.0, 3.0)),
-    "base with an arm in rooms": World(mecanum_arm, 3.0, (0.1, 0.3, 1.6), (0.2, 3.0, 2.0)),
-    "car with a trailer": World(lambda: tractor(1), 5.0, (0.6, 0.6, 1.0), (1.0, 2.5, 1.0)),
+    "base with an arm in rooms": World(partial(panda, "planar"), 3.0, (0.1, 0.3, 1.6), (0.2, 3.0, 2.0)),
+    "car with a trailer": World(partial(tractor, 1), 5.0, (0.6, 0.6, 1.0), (1.0, 2.5, 1.0)),
 }
 
 
@@ -170,10 +165,8 @@ def _rooms(world: World, reduced: rnc.ReducedModel, generator: np.random.Generat
             continue
         motions = [next(steering.motions(*pair)) for pair in pairwise(stops)][::-1]  # the arm moves along the first one
         if checker.is_free(motions[0]) and _all_free(reduced, walls + shelf, motions):
-            goal = {
-                rnc.FramePosition(_HAND): hand.translation.copy(),
-                rnc.FrameOrientation(_HAND): hand.rotation.copy(),
-            }
+            place, turn = hand.translation.copy(), hand.rotation.copy()
+            goal = {rnc.FramePosition(_HAND): place, rnc.FrameOrientation(_HAND): turn}
             return Task(stops[0], goal, walls + shelf)
 
 
@@ -250,7 +243,7 @@ def confirmed(way: Way, task: Task) -> bool:
         hand = data.oMf[model.getFrameId(_HAND)]
         missed = pin.log6(hand.actInv(pin.SE3(rotation, position))).vector
     else:
-        missed = pin.difference(model, way.q[-1], task.goal)[planned_velocities(way.reduced, way.q[0])]
+        missed = pin.difference(model, way.q[-1], task.goal)[~SampledBases(way.reduced, way.q[0]).followers()]
     return bool(apart >= _CLEARANCE and way.residual < 1e-9 and np.abs(missed).max() < _REACHED)
 
 

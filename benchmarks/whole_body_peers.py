@@ -7,9 +7,6 @@ Peers live in environments of their own, because they need other versions of Pin
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
 import tempfile
 import time
 from pathlib import Path
@@ -19,6 +16,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 import rnc_pin as rnc
+from benchmarks.peers.environments import answer
 from rnc_pin.control import InverseDynamicsQP, limits, tasks
 from rnc_pin.motion.planning import Harmonic
 from rnc_pin.robots.robot_files import find_example
@@ -83,18 +81,9 @@ def _compare(path: Path) -> None:
         "reference": [[each.tolist() for each in point] for point in wanted],
     }
     for peer in ("placo", "tsid"):
-        variable = f"RNC_PIN_{peer.upper()}"
-        interpreter = os.environ.get(variable)
-        if not interpreter:
-            print(f"{peer} is missing: {variable} names no interpreter of an environment that has it")
-            continue
-        command = [interpreter, str(_SCRIPT), peer]
-        done = subprocess.run(command, input=json.dumps(problem), text=True, capture_output=True, check=False)
-        if done.returncode:
-            print(f"{peer} is missing: {interpreter}: {done.stderr.strip().splitlines()[-1]}")
-            continue
-        answer = json.loads(done.stdout.splitlines()[-1])
-        _report(f"{peer} {answer['version']}", answer["time"], np.array(answer["efforts"]), reduced, wanted)
+        found = answer(peer, f"RNC_PIN_{peer.upper()}", _SCRIPT, problem, peer)
+        if found is not None:
+            _report(f"{peer} {found['version']}", found["time"], np.array(found["efforts"]), reduced, wanted)
 
 
 def _run(program: InverseDynamicsQP, reduced: rnc.ReducedModel, q: np.ndarray) -> tuple[float, np.ndarray]:

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import json
 import sys
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -78,13 +77,6 @@ def evaluations(case: Case, modules: Sequence[Any], rounds: int) -> Iterator[dic
         yield {"system": case.name, "peer": name, "us": taken * 1e6, **found, **ratios, "difference": difference}
 
 
-def motion(case: Case, rounds: int) -> dict[str, Any]:
-    """Cost of a free motion."""
-    cost = Motion(case).cost(rounds)
-    figures = {"ours_ms": cost.ours * 1e3, "theirs_ms": cost.theirs * 1e3, "ratio": cost.ours / cost.theirs}
-    return {"system": case.name, **figures, "error": cost.error, "agreement": cost.agreement}
-
-
 def table(rows: Sequence[dict[str, Any]], columns: dict[str, str]) -> Table:
     """Rows with a heading and a format for each column."""
     shown = Table(*(heading.rpartition(":")[0] for heading in columns), box=box.SIMPLE_HEAD)
@@ -103,28 +95,20 @@ def main(given: Sequence[str] | None = None) -> int:
     parser.add_argument("--systems", nargs="+", choices=CASES, default=list(CASES), metavar="NAME")
     parser.add_argument("--rounds", type=int, default=ROUNDS, metavar="N", help="default: %(default)s")
     parser.add_argument("--motions", type=int, default=MOTIONS, metavar="N", help="rounds of motions, 0 for none")
-    parser.add_argument("--json", action="store_true", help="print JSON in place of tables")
     options = parser.parse_args(given)
-    console = Console(highlight=False, width=140, stderr=options.json)
+    console = Console(highlight=False, width=140)
     modules = available(console)
     cases = [CASES[name]() for name in options.systems]
     costs = [row for case in cases for row in evaluations(case, modules, options.rounds)]
-    motions = [motion(case, options.motions) for case in cases if options.motions and case.regular]
-    if options.json:
-        json.dump({"evaluations": costs, "motions": motions, "machine": machine()}, sys.stdout, indent=1)
-        print()
-    else:
-        headings = {"system:": "system", "peer:": "peer", "peer [us]:.1f": "us", "ours [us]:.1f": "ours_us"}
-        headings |= {
-            "ours / peer:.2f": "ratio",
-            f"of {BATCH} / peer:.2f": "batch_ratio",
-            "difference:.0e": "difference",
-        }
-        console.print(table(costs, headings))
-        headings = {"system:": "system", "ours [ms]:.1f": "ours_ms", "DOP853 over KKT [ms]:.1f": "theirs_ms"}
-        headings |= {"ours / theirs:.2f": "ratio", "error:.0e": "error", "agreement:.0e": "agreement"}
-        console.print(table(motions, headings))
-        console.print(", ".join(f"{name} {value}" for name, value in machine().items()))
+    moving = [case for case in cases if options.motions and case.regular]
+    motions = [{"system": case.name, **Motion(case).cost(options.motions)} for case in moving]
+    headings = {"system:": "system", "peer:": "peer", "peer [us]:.1f": "us", "ours [us]:.1f": "ours_us"}
+    headings |= {"ours / peer:.2f": "ratio", f"of {BATCH} / peer:.2f": "batch_ratio", "difference:.0e": "difference"}
+    console.print(table(costs, headings))
+    headings = {"system:": "system", "ours [ms]:.1f": "ours_ms", "DOP853 over KKT [ms]:.1f": "theirs_ms"}
+    headings |= {"ours / theirs:.2f": "ratio", "error:.0e": "error", "agreement:.0e": "agreement"}
+    console.print(table(motions, headings))
+    console.print(", ".join(f"{name} {value}" for name, value in machine().items()))
     return 0 if all(row["difference"] < _AGREEMENT for row in costs) else 1
 
 

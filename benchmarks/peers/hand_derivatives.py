@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -76,35 +76,19 @@ BY_HAND = {  # base, hand, its axes and joints: the hand in the plane and the fi
 }
 
 
-class DerivativeCost(NamedTuple):
-    """Cost of ``state_derivatives`` of one state beside the same blocks by hand.
+def derivative_cost(name: str, rounds: int) -> dict[str, Any]:
+    """Cost of ``state_derivatives`` at regular random states of a case, beside the same blocks by hand.
 
-    Attributes:
-        system: name of the case.
-        ours_us, block_us, hand_us: one state, a state in a block of 64, and one state by hand [us].
-        difference: largest difference of a block, relative to its largest entry.
+    One state, a state in a block of 64, and one state by hand [us]; the ratio of ours to that by hand, and the largest
+    difference of a block, relative to its largest entry.
     """
-
-    system: str
-    ours_us: float
-    block_us: float
-    hand_us: float
-    difference: float
-
-    @property
-    def ratio(self) -> float:
-        """Ours over that by hand."""
-        return self.ours_us / self.hand_us
-
-
-def derivative_cost(name: str, rounds: int) -> DerivativeCost:
-    """Cost of the derivatives of a case; the states are regular and random."""
     case = CASES[name]()
     states, by_hand = regular_states(case.reduced, case.q0, STATES), FreeArmDerivatives(case.model, *BY_HAND[name])
     given, ours = (states.q, states.v2, states.T), partial(rnc.state_derivatives, case.reduced)
     measured = one_by_one(ours, *given), used_by(lambda: ours(*given), STATES), one_by_one(by_hand, *given)
     ours_us, block_us, hand_us = (float(figure[0]) * 1e6 for figure in in_turn(measured, rounds))
-    return DerivativeCost(name, ours_us, block_us, hand_us, difference(case, by_hand, tuple(x[0] for x in given)))
+    times = {"us": ours_us, "block_us": block_us, "hand_us": hand_us, "ratio": ours_us / hand_us}
+    return {"system": name, **times, "difference": difference(case, by_hand, tuple(x[0] for x in given))}
 
 
 def difference(case: Case, by_hand: FreeArmDerivatives, state: tuple[np.ndarray, ...]) -> float:

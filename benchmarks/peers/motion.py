@@ -6,8 +6,6 @@ that of a much finer integration. DOP853 runs at several tolerances; its cost at
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pinocchio as pin
 from scipy.integrate import solve_ivp
@@ -20,22 +18,6 @@ from benchmarks.timing import Measurement, in_turn, used_by
 DURATION, DT, SLOWER = 4.0, 0.02, 0.3
 RTOL, FINEST = 1e-10, 3e-14
 TOLERANCES = (1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
-
-
-@dataclass(frozen=True)
-class MotionCost:
-    """Cost of a free motion.
-
-    Attributes:
-        error: our largest displacement from the reference [m or rad].
-        ours, theirs: processor time [s]; theirs interpolated to the same error.
-        agreement: largest displacement between our finest motion and the reference.
-    """
-
-    error: float
-    ours: float
-    theirs: float
-    agreement: float
 
 
 class Motion:
@@ -87,8 +69,11 @@ class Motion:
         """Configurations (count, nq) for coordinates (count, n)."""
         return np.array([self._case.coordinates.configuration(each) for each in x])
 
-    def cost(self, rounds: int) -> MotionCost:
-        """Medians of times taken in turn, with the errors."""
+    def cost(self, rounds: int) -> dict[str, float]:
+        """Medians of times taken in turn [ms], theirs interpolated to our error, and displacements [m or rad].
+
+        The error is ours from the reference, the agreement that of our finest motion.
+        """
         reference = self.configurations(self.theirs(FINEST))
 
         def measured(tolerance: float) -> Measurement:
@@ -99,7 +84,9 @@ class Motion:
         ours, *times = (float(figure[0]) for figure in taken)
         error = self.displacement(self.ours(RTOL), reference)
         agreement = self.displacement(self.ours(1e-13), reference)
-        return MotionCost(error, ours, cost_at(error, errors, times), agreement)
+        theirs = cost_at(error, errors, times)
+        figures = {"ours_ms": ours * 1e3, "theirs_ms": theirs * 1e3, "ratio": ours / theirs}
+        return {**figures, "error": error, "agreement": agreement}
 
 
 def cost_at(error: float, errors: list[float], times: list[float]) -> float:

@@ -1,35 +1,10 @@
 """Published and closed-form results beside what rnc_pin computes. Run ``python -m benchmarks.validation``."""
 
-from benchmarks.validation import (
-    ball,
-    bicycle,
-    carried,
-    disk,
-    floating_arm,
-    grasping,
-    kapitza,
-    measured_bicycles,
-    roller_racer,
-    rolling_body,
-    sleigh,
-    slope,
-    snakeboard,
-    trailers,
-)
+from importlib import import_module
 
-PROBLEMS = {
-    "bicycle": bicycle.rows,
-    "measured_bicycles": measured_bicycles.rows,
-    "disk": disk.rows,
-    "sleigh": sleigh.rows,
-    "slope": slope.rows,
-    "ball": ball.rows,
-    "floating_arm": floating_arm.rows,
-    "grasping": grasping.rows,
-    "snakeboard": snakeboard.rows,
-    "roller_racer": roller_racer.rows,
-    "rolling_body": rolling_body.rows,
-    "carried": carried.rows,
-    "kapitza": kapitza.rows,
-    "trailers": trailers.rows,
-}
+_MODULES = (
+    "bicycle", "measured_bicycles", "disk", "sleigh", "slope", "ball", "floating_arm", "grasping", "snakeboard",
+    "roller_racer", "rolling_body", "carried", "kapitza", "trailers",
+)  # fmt: skip
+PROBLEMS = {name: import_module(f"{__name__}.{name}").rows for name in _MODULES}
+"""Function that gives the rows of each problem."""

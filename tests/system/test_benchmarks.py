@@ -1,5 +1,6 @@
 """Tools behind the recorded figures: mutants, records, sizes, peers, replays of verdicts, and changed robots."""
 
+import importlib
 from collections import Counter
 
 import numpy as np
@@ -24,6 +25,11 @@ def test_a_sample_says_what_the_whole_has_at_least():
 
     assert mutation.lower_bound(95, 100) == pytest.approx(0.90, abs=0.003)
     assert mutation.lower_bound(950, 1000) == pytest.approx(0.937, abs=0.002)
+
+
+@pytest.mark.parametrize("name", ["optimal", "reduction", "set_points", "ways", "whole_body"])
+def test_every_benchmark_finds_what_it_measures(name):
+    importlib.import_module(f"benchmarks.{name}")
 
 
 def test_every_record_has_its_benchmark():

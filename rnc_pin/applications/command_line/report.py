@@ -142,7 +142,7 @@ def _errors(summary: Summary, units: Mapping[str, str]) -> Table:
 def _invariants(summary: Summary, inputs: Mapping[str, str]) -> Iterator[tuple[str, str]]:
     """Yield what else is known of a run, with its value; the units of inputs are by name."""
     yield "simulated time", f"{summary['duration']:.2f} s"
-    # Records of other programs have none.
+    # A replay has none: it simulates nothing.
     if summary["wall_time"]:
         factor = f"{summary['realtime_factor']:.1f} x real time"
         yield "simulation computed in", f"{summary['wall_time']:.2f} s ({factor})"
