@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from rnc_pin.errors import ConfigurationError, ModelWarning
 
 _VARIABLE = "RNC_PIN_KERNEL"
-INTERFACE = 44
+INTERFACE = 45
 """Number that changes with the arguments of the kernel's methods; ``tools/generate_rows.py`` writes it for C."""
 _REINSTALL = "reinstall with pip install -e ."
 _NONE = "this installation has no compiled kernel: reinstall with a C compiler"

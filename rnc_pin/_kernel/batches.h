@@ -129,7 +129,7 @@ static PyObject *integrate(Evaluator *ev, PyObject *const *args, Py_ssize_t give
         for (Py_ssize_t j = 0; j < steps && ok > 0 && done > 0; j++)
             done = loses ? dissipative_step(chart, &d, q_end, y_end, h, rough + i)
                          : step(chart, T, h, j ? NULL : known, rates ? rates + j * 4 * ev->m : NULL, q_end, y_end,
-                                rough + i);
+                                rough + i, NULL);
         if (loses && !steps && ok > 0 && done > 0 && (done = begin(chart, &d, q_end, y, h)) > 0) {
             memset(y_end, 0, (size_t)n * sizeof(double));
             for (Py_ssize_t j = 0; j < d.rows; j++) add(y_end, d.forces[j], d.J + j * n, n);

@@ -856,7 +856,8 @@ static Py_ssize_t size_of(const Evaluator *ev, char letter)
     case 'Y': return k * (n + r); /* J1 and A_star */
     case 'x': return r + k;       /* values of outputs */
     case 'y': return integrated(ev);
-    case 'd': return n + integrated(ev); /* state derivative */
+    case 'd': return n + integrated(ev);                  /* state derivative */
+    case 'i': return ev->nq + 2 * n + 2 * integrated(ev); /* state on a trace */
     case 'e': return ev->external;
     case 'E': return ev->external * n;
     case 'W': return ev->external_vertical * n;
@@ -1334,9 +1335,10 @@ static int displace(Evaluator *ev, const double *q, const double *u, double *out
 static Py_ssize_t stages_size(const Evaluator *ev) { return 5 * (ev->n + integrated(ev)) + ev->nq; }
 
 /* One step of the method of runge_kutta.py: q and y after a time h. known: kinematics at q, or NULL. rates: mu and
-   its rates at the begin, the middle and the end of the step, or NULL. rough: grows by the roughness of the step. */
+   its rates at the begin, the middle and the end of the step, or NULL. rough: grows by the roughness of the step.
+   trace: rates of q and y at the begin (n + s), and the displacement (n) from there, or NULL. */
 static int step(Evaluator *ev, const double *T, double h, const double *known, const double *rates, double *q,
-                double *y, double *rough)
+                double *y, double *rough, double *trace)
 {
     static const int half_steps[4] = {0, 1, 1, 2};
     static const double fraction[4] = {0.0, 0.5, 0.5, 1.0}, weight[4] = {1.0, 2.0, 2.0, 1.0};
@@ -1356,6 +1358,7 @@ static int step(Evaluator *ev, const double *T, double h, const double *known, c
         if (!use_rates(ev, rates ? rates + half_steps[stage] * 2 * ev->m : NULL)) return 0;
         int ok = derivative(ev, q_at, y_at, T, NULL, NULL, stage ? NULL : known, rate);
         if (ok <= 0) return ok;
+        if (trace && !stage) memcpy(trace, rate, (size_t)(n + s) * sizeof(double));
         coordinate_rates(ev, u, rate);
         add(sum, weight[stage], rate, n + s);
         add(uneven, middle[stage], rate, n + ev->r);
@@ -1364,11 +1367,22 @@ static int step(Evaluator *ev, const double *T, double h, const double *known, c
     for (Py_ssize_t i = 0; i < n + ev->r; i++) largest = fmax(largest, fmax(fabs(uneven[i]), fabs(bent[i])));
     *rough += h * largest;
     for (Py_ssize_t i = 0; i < n; i++) u[i] = h / 6 * sum[i];
+    if (trace) memcpy(trace + n + s, u, (size_t)n * sizeof(double));
     if (!displace(ev, q, u, q_at)) return -1;
     memcpy(q, q_at, (size_t)ev->nq * sizeof(double));
     add(y, h / 6, sum + n, s);
     return 1;
 }
+
+/* Record of a state, T and the duration of a step; record of the state after it: q, y, and the trace of the step */
+static int trace_at(Evaluator *ev, double *const *x)
+{
+    double *q = x[3], *y = q + ev->nq, rough = 0.0;
+    if (!ev->fused || ev->external_vertical || ev->timed || !all_finite(x[1], ev->p)) return 0;
+    memcpy(q, x[0], (size_t)(ev->nq + integrated(ev)) * sizeof(double));
+    return step(ev, x[1], *x[2], NULL, NULL, q, y, &rough, y + integrated(ev));
+}
+METHOD(trace, "iT1i!", trace_at)
 
 /* q, u or None, v2, T, further forces (n), damping (n), mu and its rates or None; record of the state derivative at
    q (+) u, in the coordinates u if they are given. False if the general way has to decide. */
@@ -1716,6 +1730,7 @@ static PyMethodDef methods[] = {
     METHOD(vertical_velocities, vertical_velocities), METHOD(row_velocities, row_velocities),
     METHOD(admissible_velocities, admissible_velocities), METHOD(measure, measure), METHOD(terms, terms),
     METHOD(sample, sample), METHOD(far_within, far_within),
+    METHOD(trace, trace),
     {NULL, NULL, 0, NULL},
 };
 

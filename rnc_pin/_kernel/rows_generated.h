@@ -1,7 +1,7 @@
 /* Written by python -m tools.generate_rows from the formulas in Python: change those. */
 /* clang-format off */
 
-#define INTERFACE 44
+#define INTERFACE 45
 #define INTEGERS 8
 #define NUMBERS 18
 #define AT_GROUND 12

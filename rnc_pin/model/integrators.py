@@ -588,3 +588,32 @@ class ReducedMotion:
             q, y, one = self._integrator.measured_step(lambda q, y: self.rate(by, q, y, T), q, y, h, by.data.r)
             roughness += one
         return q, y, roughness
+
+    def trace(
+        self, by: Evaluator, q: Array, v2: Array, T: Array, h: float, count: int
+    ) -> tuple[Array, Array, Array, Array, Array]:
+        """States along equal Runge-Kutta steps without damping, for constraints that do not depend on time.
+
+        Args:
+            by: evaluator of the reduction.
+            q, v2: configuration (nq,) and reduced velocities (r,) at the start.
+            T: actuator inputs (p,), constant.
+            h: duration of each step [s].
+            count: number of steps.
+
+        Returns:
+            q (count + 1, nq) and v2 (count + 1, r); v (count, nv) and rates of v2 (count, r) at the start of each step;
+            the way (count, nv) to its end.
+        """
+        nq, n, r, s = len(q), by.data.n, by.data.r, by.data.r + by.data.vertical.size + 1
+        record = np.zeros((count + 1, nq + 2 * (s + n)))
+        record[0, :nq], record[0, nq : nq + r] = q, v2
+        before, after, inputs = record[:-1], record[1:], np.tile(T, (count, 1))
+        if not by.calls.trace(before, inputs, np.full(count, h), after):
+            for begin, end in zip(before, after, strict=True):
+                start = begin[:nq].copy(), begin[nq : nq + s].copy()
+                end[nq + s : -n] = np.concatenate(self.rate(by, *start, T))
+                end[:nq], end[nq : nq + s], _ = self.steps(by, *start, T, h, 1)
+                end[-n:] = pin.difference(by.data.robot.model, start[0], end[:nq])
+        v, v2_dot = after[:, nq + s : nq + s + n], after[:, nq + s + n : nq + s + n + r]
+        return record[:, :nq], record[:, nq : nq + r], v, v2_dot, after[:, -n:]

@@ -19,6 +19,7 @@ from rnc_pin._kernel.kernel_rows import Form, Value
 from rnc_pin.analysis.derivatives import _at_one_state as at_one_state
 from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.control import limits, tasks
+from rnc_pin.model.evaluator import Evaluator
 from rnc_pin.model.integrators import LieRungeKutta4, ReducedMotion, state_rates
 from systems import mobile_manipulator, random_states, rolling_bodies, sprung_arm, tiago, tumbling_panda
 
@@ -179,7 +180,12 @@ def compare_steps(reduced, h, steps):
     ((q, v2),) = random_states(reduced, 1)
     T = np.linspace(-1.0, 1.0, reduced.p)
     y = np.concatenate([v2, np.zeros(reduced.vertical.size + 1)])
-    found = fused(ReducedMotion(reduced.robot).steps, reduced.evaluator, q, y, T, h, steps)
+    motion = ReducedMotion(reduced.robot)
+    found = fused(motion.steps, reduced.evaluator, q, y, T, h, steps)
+    traced = fused(motion.trace, reduced.evaluator, q, v2, T, h, steps)
+    plain = motion.trace(Evaluator(reduced.evaluator.data), q, v2, T, h, steps)
+    for one, other in zip(traced[:4], plain[:4], strict=True):  # the way of more than half a turn is not unique
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9 * np.abs(other).max())
     integrator = LieRungeKutta4(reduced.robot)
 
     def rate(at, y):

@@ -18,15 +18,17 @@ import pinocchio as pin
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import DivergenceError, SingularityError
 from rnc_pin.math.linear_algebra import inverse
+from rnc_pin.model.integrators import ReducedMotion
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.motion.whole_body.limit_stack import ContactBounds, ContactCones, LimitStack
-from rnc_pin.motion.whole_body.limits.control_limit import ControlSample, LimitRows, known_state
+from rnc_pin.motion.whole_body.limits.control_limit import ControlSample, HeldMotion, LimitRows, known_state
 from rnc_pin.motion.whole_body.whole_body_program import SampleCount
 
 _KEPT = 2e-7  # [rad, m, and per second] excess over a limit that is an error of the integration
 _REST = 1e-4  # [rad/s, m/s] speed that counts as rest: its inputs remove it within a sample
 _DECISIONS = 30  # of one motion, so that runs repeat
+_BUDGET = 16  # decisions in a sample that may follow a kept motion instead
 _SMALL = 0.1  # speed of a joint that does not count, relative to the largest
 _PART = 0.5  # of the time in which the first joint stops: inputs are held that long
 _RESERVE = 1.1  # of the time in which efforts stop all joints
@@ -39,6 +41,11 @@ _SAME = 1e-6  # [rad, m, and per second] difference to the predicted state at wh
 _BEYOND = 1e-3  # [rad/s, m/s] motion that limits ask for, in which the program goes on without a verified motion
 _CHANGED = 1e-2, 5e-2, 0.1  # change of configuration, velocity and time [s] after which verification is tried again
 _SOLVED, _INFINITE = 1, 1e30  # of the solver
+_STEP = 0.01  # [s] Runge-Kutta step in shorter samples: motions err by 2e-7
+_COARSE, _DOUBT = 4, 1e-4  # steps in one that is tried first, and the largest error that they may cause
+_DOUBTFUL = "a limit gives way by less than the error of coarse steps"
+_LONG = "a braking motion takes more decisions than a sample has time for"
+_ROUNDING = 1e-6  # of a number of steps
 
 
 class BrakedSample(NamedTuple):
@@ -81,18 +88,30 @@ class BrakingState(NamedTuple):
     """Samples without a verified braking motion: the program went on."""
 
 
+class _Precision(NamedTuple):
+    """Precision of the steps of a motion."""
+
+    room: Float[Array, " k"]
+    """Excess over limits that is allowed, less the error so far."""
+    coarse: int
+    """Length of steps, relative to the finest ones."""
+    halvings: int = 0
+    """Halvings of the last samples under the same inputs."""
+
+
 class Braking:
     """Braking motions of one program.
 
     The law removes as much kinetic energy as efforts and ground allow, with inputs that are held over a part of the
-    time to rest. So a motion takes few decisions. Its inputs are those that are executed: limits are checked after
-    whole samples, as many as the ``spacing`` of the limits allows at the speed.
+    time to rest. So a motion takes few decisions, and a sample has a budget of them. Its inputs are those that are
+    executed. Limits of joints are checked in each Runge-Kutta step, within it too; other limits after whole samples,
+    as many as their ``spacing`` allows at the speed. Steps are coarse where the error that they may cause leaves all
+    limits of joints.
 
     Args:
         reduced: the model.
         limits: limits of motion.
         contacts: conditions of the ground.
-        ahead: configuration and reduced velocity after a number of samples, from a state and inputs.
         names: names of all limits (k,); those of motion come first, those of the ground last.
         dt: duration of a sample [s].
         longest: longest braking motion [s].
@@ -103,13 +122,14 @@ class Braking:
         reduced: ReducedModel,
         limits: LimitStack,
         contacts: ContactCones,
-        ahead: Callable[[StateEvaluation, Array, int], tuple[Array, Array]],
         names: tuple[str, ...],
         dt: float,
         longest: float,
     ) -> None:
-        self._reduced, self._limits, self._contacts, self._ahead = reduced, limits, contacts, ahead
+        self._reduced, self._limits, self._contacts = reduced, limits, contacts
         self._names, self._dt, self._longest = names, dt, longest
+        self._motion = ReducedMotion(reduced.robot)
+        self._coarse = _COARSE if limits.spacing == np.inf else 1
         self._late = f"the robot does not come to rest within {longest:g} s"
         self._efforts = np.minimum(reduced.actuation.limits, _INFINITE)
 
@@ -152,17 +172,19 @@ class Braking:
             if not np.abs(np.concatenate(apart)).max() <= _SAME:
                 kept, before = None, np.maximum(before, self.exceeded(start, t))
         together, share, eased = kept is None or kept.together, state.share, planned
-        if kept is not None and share < 1.0:
+        if kept is not None and share < 1.0:  # back to the program bit by bit, lest the robot stops and goes
             eased = under(kept.inputs[0] + share * (planned.T - kept.inputs[0]))
-        after = self._after(t, eased, before, ground, together)
+        asked = np.maximum(rows.lower, -rows.upper)[~self._limits.judged_by_rows[rows.places]]
+        moved = bool((asked > _BEYOND).any())  # limits ask for motion: an obstacle comes nearer, or one is exceeded
+        budget = 2 * _DECISIONS if kept is None or moved else _BUDGET
+        after = self._after(t, eased, before, ground, together, budget)
         if after.problem is None:
             braked = state.braked if eased is planned else state.braked.and_one(t, state.braked.reason)
             return eased, state._replace(kept=after, failed=None, share=min(1.0, share + _EASED), braked=braked)
-        asked = np.maximum(rows.lower, -rows.upper)[~self._limits.judged_by_rows[rows.places]]
-        if (asked > _BEYOND).any():  # limits ask for motion: an obstacle comes nearer, or the robot is beyond a limit
+        if moved:
             return unverified(after.problem)
         braked = state.braked.and_one(t, after.problem)
-        if kept is None:
+        if kept is None:  # the present state can still be safe where the planned end is not
             kept = self.motion(start, t, before, ground)
         if kept.problem is not None and (state.kept is None or not len(kept.inputs)):
             return unverified(kept.problem)
@@ -173,10 +195,17 @@ class Braking:
         missing = state.unverified.and_one(t, kept.problem or "")
         state = state._replace(braked=braked, failed=None, unverified=missing, share=max(0.5 * share, _EASED))
         rest = kept.inputs[1:] if len(kept.inputs) > 1 else kept.inputs
-        return first, state._replace(kept=BrakingMotion(first.q, first.v2, rest, None, kept.together))
+        # What the budget left out in this sample comes first in the next one.
+        return first, state._replace(kept=BrakingMotion(first.q, first.v2, rest, None, not together))
 
     def motion(
-        self, start: StateEvaluation, t: float, before: Array, ground: ContactBounds, together: bool = True
+        self,
+        start: StateEvaluation,
+        t: float,
+        before: Array,
+        ground: ContactBounds,
+        together: bool = True,
+        budget: int = 2 * _DECISIONS,
     ) -> BrakingMotion:
         """Roll out the braking motion from a state until rest.
 
@@ -187,24 +216,42 @@ class Braking:
                 joint beyond its limit may rest or return.
             ground: conditions of the ground near this state, with which the motion is planned.
             together: way that is tried first, that of the last motion: see ``BrakingMotion``.
+            budget: largest number of decisions.
         """
-        found = self._rolled_out(start, t, before, ground, together)
-        if found.problem in (None, self._late):
-            return found
-        return self._rolled_out(start, t, before, ground, not together)
+        for way in (together, not together):
+            for coarse in (self._coarse, 1):  # the finest steps only where coarse ones cannot tell
+                found, used = self._rolled_out(start, t, before, ground, way, coarse, min(budget, _DECISIONS))
+                budget -= used
+                if found.problem != _DOUBTFUL:
+                    break
+            if budget <= 0 or found.problem in (None, self._late):
+                break
+        return found
 
     def _rolled_out(
-        self, start: StateEvaluation, t: float, before: Array, ground: ContactBounds, together: bool
-    ) -> BrakingMotion:
-        """Motion whose joints come to rest at the same time, or each as fast as it can."""
+        self,
+        start: StateEvaluation,
+        t: float,
+        before: Array,
+        ground: ContactBounds,
+        together: bool,
+        coarse: int,
+        budget: int,
+    ) -> tuple[BrakingMotion, int]:
+        """Motion whose joints come to rest at the same time, or each as fast as it can, and its decisions.
+
+        Its steps are at most ``coarse`` times as long as the finest.
+        """
         inputs: list[Array] = []
         decided: list[tuple[Array, Array, Array]] = []
         problem: str | None = self._late
+        # A joint that has stopped would hinder the others: from then on, all stop together.
         slow, first = np.abs(start.v2), together
         slow = np.where(slow > _SMALL * slow.max(initial=0.0), _SMALL * slow, 0.0)
         state, allowed, most = start, np.maximum(before, _KEPT), round(self._longest / self._dt) + 1
+        precision = _Precision(allowed, coarse)
         try:
-            for _ in range(_DECISIONS):
+            for _ in range(budget):
                 T, held = self._law(state, t, ground, together)
                 decided.append((state.q, state.v, T))
                 if not held:
@@ -213,38 +260,54 @@ class Braking:
                     break
                 if len(inputs) + held > most:
                     break
-                end, held, found = self._under(T, held, state, t, allowed)
+                end, held, found, precision = self._under(T, held, state, t, allowed, precision)
                 inputs += [T] * held
                 if found is not None:
-                    return BrakingMotion(start.q, start.v2, np.array(inputs), found, first)
+                    problem = found
+                    break
                 state, t = end, t + held * self._dt
                 together = together or bool(np.count_nonzero(slow) > 1 and (np.abs(state.v2) < slow).any())
+            else:
+                problem = _LONG
         except (SingularityError, DivergenceError) as error:
             problem = str(error)
-        return BrakingMotion(start.q, start.v2, np.array(inputs), problem, first)
+        return BrakingMotion(start.q, start.v2, np.array(inputs), problem, first), len(decided)
 
     def _under(
-        self, T: Array, held: int, state: StateEvaluation, t: float, allowed: Array
-    ) -> tuple[StateEvaluation, int, str | None]:
-        """State after samples under the same inputs, their number, and the limit that one exceeds.
+        self, T: Array, held: int, state: StateEvaluation, t: float, allowed: Array, precision: _Precision
+    ) -> tuple[StateEvaluation, int, str | None, _Precision]:
+        """State after samples under the same inputs, their number, the limit that one exceeds, and the precision then.
 
         Where a limit gives way, half the samples are tried: constant inputs suit a part of the way.
         """
-        way = [(0, state)]  # checked, with the samples until there
+        way, coarse = [(0, state, precision.room)], precision.coarse  # checked, with the samples until there
+        part, halvings = precision.halvings, 0
         while way[-1][0] < held:
-            done, last = way[-1]
-            # Velocities decrease, so positions are between those of the ends.
+            done, last, room = way[-1]
+            # Halves that were too long last time come one by one: a limit that gives way again is found early.
+            while held >> part <= done:
+                part -= 1
             speed = max(float(np.abs(last.v2).max()), 1e-9)
-            samples = min(held - done, max(1, int(self._limits.spacing / (speed * self._dt))))
-            end, exceeded = self._samples(last, t + done * self._dt, T, samples)
-            if (found := self._broken(exceeded, allowed)) is None:
-                way.append((done + samples, end))
+            samples = int(min((held >> part) - done, max(1.0, self._limits.spacing / (speed * self._dt))))
+            end, steps, doubt = self._samples(last, t + done * self._dt, T, samples, coarse)
+            worst = steps.max(axis=0)
+            found = self._broken(worst, room - doubt)
+            if found is None and doubt <= _DOUBT:
+                way.append((done + samples, end, room - doubt))
+            elif doubt and self._broken(worst, room + doubt) is None:
+                coarse //= 2  # these steps cannot tell
+            elif not doubt and self._broken(worst, allowed) is None:
+                return end, held, _DOUBTFUL, precision  # nor can those of the way so far
             elif held == 1:
-                return end, held, found
+                return end, held, found, precision
             else:
-                held //= 2
+                # Halves that contain the first step beyond a limit need not be tried.
+                first = done + samples * int((steps > room - doubt).any(axis=1).argmax()) / len(steps)
+                before, part = held, 0
+                while held > max(first, 1) or held == before:
+                    held, halvings = held // 2, halvings + 1
                 way = [each for each in way if each[0] <= held]
-        return way[-1][1], held, None
+        return way[-1][1], held, None, _Precision(way[-1][2], coarse, halvings)
 
     def exceeded(
         self, state: StateEvaluation, t: float, rows: LimitRows | None = None, mean: Array | None = None
@@ -262,11 +325,12 @@ class Braking:
         effects, adverse = state.input_accelerations
         p = self._reduced.p
         ground, upper = contacts.rows, contacts.upper - _GROUND * np.abs(contacts.upper)
+        # With more inputs than motions, those of least norm stop the robot.
         inverted = inverse(effects) if p == len(effects) else np.linalg.pinv(effects)
         load, impulse = -inverted @ adverse, -inverted @ state.v2
         room = np.concatenate([self._efforts - load, self._efforts + load, upper - ground[:, :p] @ load])
         used = np.concatenate([impulse, -impulse, ground[:, :p] @ impulse])
-        if (room >= 0.0).all():
+        if (room >= 0.0).all():  # efforts and ground carry the load with some room, which the impulse uses
             shortest = np.divide(used, room, out=np.where(used > 0.0, np.inf, 0.0), where=room > 0.0).max(initial=0.0)
             held = 1 if shortest <= self._dt else int(np.ceil(_RESERVE * min(shortest, self._longest) / self._dt))
             if (held == 1 or together) and shortest < self._longest and self._may_stop(state, t, held):
@@ -277,6 +341,7 @@ class Braking:
         rate, speed = effects @ T + adverse, np.abs(state.v2)
         stops = (state.v2 * rate < 0.0) & (speed > _SMALL * speed.max(initial=0.0))
         shortest = np.divide(speed, np.abs(rate), out=np.full(len(rate), self._longest), where=stops).min()
+        # Of the next joint at rest, half the time is left to the next decision: its deceleration changes on the way.
         held = int(_PART * shortest / self._dt)
         if held < 2:
             return T, 1
@@ -301,6 +366,7 @@ class Braking:
     ) -> Array:
         """Inputs that leave the least kinetic energy after a time h within efforts, ground and the rows of limits."""
         motion = self._limits.rows(ControlSample(self._reduced, t, state.q, state.v2, h, state), braking=True)
+        # The energy after h is |effects T + offset|^2 h^2 / 2 in the metric of the inertia.
         offset = state.v2 / h + adverse
         p, size = self._reduced.p, ground.shape[1]
         metric = state.input_matrix.T @ effects
@@ -325,16 +391,35 @@ class Braking:
                 return np.clip((scales * x)[:p], -self._efforts, self._efforts)
         raise DivergenceError("no efforts brake within the conditions of the ground")
 
-    def _samples(self, start: StateEvaluation, t: float, T: Array, count: int) -> tuple[StateEvaluation, Array]:
-        """End of samples under the same inputs, and the amount by which it exceeds each limit of motion."""
-        q, v2 = self._ahead(start, T, count)
-        h = count * self._dt
-        end = known_state(self._reduced, q, v2, t + h)
-        mean = np.asarray(pin.difference(self._reduced.robot.model, start.q, q)) / h
-        rows = None
-        if self._limits.judged_by_rows.any():
-            rows = self._limits.rows(ControlSample(self._reduced, t, start.q, start.v2, h, start), braking=True)
-        return end, self.exceeded(end, t + h, rows, mean)
+    def _samples(
+        self, start: StateEvaluation, t: float, T: Array, count: int, coarse: int
+    ) -> tuple[StateEvaluation, Array, float]:
+        """End of samples under the same inputs, excess of each step over each limit (K, k), and its error.
+
+        The error of coarse steps is the difference to Simpson's rule: over two steps, both err by the fifth order.
+        """
+        whole, doubt, limits = count * self._dt, 0.0, self._limits
+        finest = int(np.ceil(whole / max(self._dt, _STEP) - _ROUNDING))
+        steps = -(-finest // coarse)
+        if steps == 1:  # Simpson's rule takes two
+            steps = min(finest, 2)
+        h = whole / steps
+        q, v2, v, rates, way = self._motion.trace(self._reduced.evaluator, start.q, start.v2, T, h, steps)
+        end = known_state(self._reduced, q[-1], v2[-1], t + whole)
+        if steps < finest:
+            effects, adverse = end.input_accelerations
+            rates = np.vstack([rates, effects @ T + adverse])
+            missed = v2[2:] - v2[:-2] - h / 3.0 * (rates[:-2] + 4.0 * rates[1:-1] + rates[2:])
+            doubt = float(np.abs(missed).sum(axis=0).max())
+        found = np.full((steps, len(self._names)), -np.inf)
+        own = found[:, : len(limits.names)]
+        own[:] = limits.along(HeldMotion(q, np.vstack([v, end.v]), v2, way / h, h))
+        if limits.spacing < np.inf:
+            rows = None
+            if limits.ends_judged_by_rows:
+                rows = limits.rows(ControlSample(self._reduced, t, start.q, start.v2, whole, start), braking=True)
+            np.maximum(own[-1], limits.exceeded(end, t + whole, rows, at_ends=True), out=own[-1])
+        return end, found, doubt
 
     def _ground_problem(self, decided: list[tuple[Array, Array, Array]], allowed: Array) -> str | None:
         """Condition of the ground that inputs violate at their states."""
@@ -346,14 +431,15 @@ class Braking:
         return self._broken(excess, allowed)
 
     def _after(
-        self, t: float, reached: BrakedSample, before: Array, ground: ContactBounds, together: bool
+        self, t: float, reached: BrakedSample, before: Array, ground: ContactBounds, together: bool, budget: int
     ) -> BrakingMotion:
         """Braking motion from the end of a sample; its problem is that of the sample if this exceeds a limit."""
         broken = self._broken(reached.exceeded, np.maximum(before, _KEPT))
         if broken is not None:
             return BrakingMotion(reached.q, reached.v2, np.zeros((0, len(reached.T))), broken)
         t += self._dt
-        return self.motion(known_state(self._reduced, reached.q, reached.v2, t), t, before, ground, together)
+        start = known_state(self._reduced, reached.q, reached.v2, t)
+        return self.motion(start, t, before, ground, together, budget)
 
     def _broken(self, exceeded: Array, allowed: Array) -> str | None:
         """First limit that is exceeded by more than is allowed."""

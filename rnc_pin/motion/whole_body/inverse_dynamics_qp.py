@@ -34,8 +34,6 @@ from rnc_pin.verdict import SHORTFALL, Finding, FindingKind, Severity
 _NO_EFFECT = 1e-12  # singular value, relative to the largest, of inputs that move nothing
 _CORRECTIONS = 4  # of the velocity at the end of a sample, each smaller by a factor of order dt
 _BEYOND = 1e-9  # excess over a limit of motion that is rounding
-_BRAKING_STEP = 0.01  # [s] Runge-Kutta step of braking motions of shorter samples: they err by 2e-7
-_ROUNDING = 1e-6  # of a number of steps
 _MOST_STEPS = 64  # Runge-Kutta steps in a sample
 
 
@@ -196,9 +194,7 @@ class InverseDynamicsQP(WholeBodyProgram):
         rests = reduced.p >= reduced.r and not reduced.affine  # others cannot be brought to rest in general
         self._braking: Braking | None = None
         if rests and braking_time is not None and self._limits.names:
-            self._braking = Braking(
-                reduced, self._limits, self._contacts, self._ahead, self.limit_names, dt, braking_time
-            )
+            self._braking = Braking(reduced, self._limits, self._contacts, self.limit_names, dt, braking_time)
         self._forces = [np.arange(stops[0], stops[1]), np.arange(stops[1], stops[2])]
         self._places, self._nowhere = np.arange(stops[2]), np.zeros(reduced.n)
 
@@ -394,17 +390,12 @@ class InverseDynamicsQP(WholeBodyProgram):
             q, v2 = self._integrated(state, T, int(min(wanted, _MOST_STEPS)))
         return known_state(self._reduced, q, v2)
 
-    def _integrated(self, state: StateEvaluation, T: Array, steps: int, h: float | None = None) -> tuple[Array, Array]:
-        """Configuration and reduced velocity after a number of Runge-Kutta steps, which make a sample by default."""
-        reduced, h = self._reduced, self.dt / steps if h is None else h
+    def _integrated(self, state: StateEvaluation, T: Array, steps: int) -> tuple[Array, Array]:
+        """Configuration and reduced velocity after a sample of a number of Runge-Kutta steps."""
+        reduced, h = self._reduced, self.dt / steps
         start = np.concatenate([state.v2, np.zeros(reduced.vertical.size + 1)])
         q, y, _ = self._motion.steps(reduced.evaluator, np.array(state.q), start, np.ascontiguousarray(T), h, steps)
         return q, y[: reduced.r]
-
-    def _ahead(self, state: StateEvaluation, T: Array, samples: int) -> tuple[Array, Array]:
-        """Configuration and reduced velocity after samples under constant inputs, of a braking motion."""
-        steps = int(np.ceil(samples * self.dt / max(self.dt, _BRAKING_STEP) - _ROUNDING))
-        return self._integrated(state, T, steps, samples * self.dt / steps)
 
     def _mean_velocity(self, start: StateEvaluation, end: StateEvaluation) -> Float[Array, " nv"]:
         """Mean velocity from a state to another one, a sample later."""

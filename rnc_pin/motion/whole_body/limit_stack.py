@@ -15,7 +15,13 @@ from rnc_pin.math.convex_programs import ROUNDING, nearest_point
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.motion.whole_body.limits.control_limit import BoundLimit, ControlLimit, ControlSample, LimitRows
+from rnc_pin.motion.whole_body.limits.control_limit import (
+    BoundLimit,
+    ControlLimit,
+    ControlSample,
+    HeldMotion,
+    LimitRows,
+)
 
 _SIDES = 8  # of the pyramid inside a friction cone
 _RANK = 1e-10
@@ -152,8 +158,10 @@ class LimitStack:
     Attributes:
         names: name of each row, (k,).
         averaged: mask of the rows whose bounds hold for the mean velocity over the sample too, (k,).
-        spacing: longest motion of a velocity between two checks of a braking motion [m, rad].
+        spacing: longest motion of a velocity between two checks of a braking motion [m, rad]; infinite if all limits
+            know each of its steps.
         judged_by_rows: mask of the rows that a velocity exceeds if it violates them in its sample, (k,).
+        ends_judged_by_rows: True if there are such rows of limits that do not know each step of a braking motion.
     """
 
     def __init__(self, limits: Sequence[ControlLimit], reduced: ReducedModel) -> None:
@@ -178,7 +186,10 @@ class LimitStack:
         self._affine = reduced.affine
         by_rows = [type(each).exceeded_by is BoundLimit.exceeded_by for each in self._bound]
         self.judged_by_rows = np.repeat(by_rows, sizes).astype(bool)
-        self.spacing = min((each.spacing for each in self._bound), default=np.inf)
+        self._along = [type(each).along is not BoundLimit.along for each in self._bound]
+        at_ends = [each for each, along in zip(self._bound, self._along, strict=True) if not along]
+        self.spacing = min((each.spacing for each in at_ends), default=np.inf)
+        self.ends_judged_by_rows = bool((self.judged_by_rows & ~np.repeat(self._along, sizes).astype(bool)).any())
 
     def rows(self, sample: ControlSample, braking: bool = False) -> LimitRows:
         """Return the limits at the end of a sample on the full velocity, without idle rows.
@@ -213,7 +224,12 @@ class LimitStack:
         return ProgramBounds(J.dot(sample.end.R), low, high, places, len(self.names))
 
     def exceeded(
-        self, state: StateEvaluation, time: float, rows: LimitRows | None = None, mean: Array | None = None
+        self,
+        state: StateEvaluation,
+        time: float,
+        rows: LimitRows | None = None,
+        mean: Array | None = None,
+        at_ends: bool = False,
     ) -> Float[Array, " k"]:
         """Return the amount by which a state exceeds each limit (k,); zero if it satisfies the limit.
 
@@ -222,17 +238,30 @@ class LimitStack:
             time: its time [s].
             rows: rows of the sample that led to the state, for limits that its velocity decides; None for a start.
             mean: mean velocity (nv,) over this sample; None for a start.
+            at_ends: True for the limits that do not know each step of a braking motion; the others are left out.
         """
         found = np.zeros(len(self.names))
         # At a start, no sample has led to the state: its velocity may have any cause.
         if rows is not None:
             reached = rows.jacobian @ state.v
             found[rows.places] = np.maximum(reached - rows.upper, rows.lower - reached)
-        for limit, where in zip(self._bound, self._places, strict=True):
-            own = limit.exceeded_by(state, time, mean)
+        for limit, where, along in zip(self._bound, self._places, self._along, strict=True):
+            own = None if at_ends and along else limit.exceeded_by(state, time, mean)
             if own is not None:
                 found[where] = own
         return np.maximum(found, 0.0)
+
+    def along(self, motion: HeldMotion) -> Float[Array, "K k"]:
+        """Return the amount by which each step of a braking motion exceeds each limit; -inf if its states decide.
+
+        Args:
+            motion: the motion.
+        """
+        found = np.full((len(motion.mean), len(self.names)), -np.inf)
+        for limit, where, along in zip(self._bound, self._places, self._along, strict=True):
+            if along:
+                found[:, where] = limit.along(motion)
+        return found
 
     def relaxed(self, bounds: ProgramBounds, before: Sequence[Array] = ()) -> tuple[ProgramBounds, Array] | None:
         """Return bounds that some velocity satisfies, and such a velocity; None if the solver finds none.

@@ -12,6 +12,7 @@ from rnc_pin.collision import Obstacle
 from rnc_pin.control import InverseDynamicsQP, limits, tasks
 from rnc_pin.motion.planning import Hold, MinimumJerk
 from rnc_pin.motion.whole_body.braking_motion import Braking
+from rnc_pin.motion.whole_body.limits.control_limit import HeldMotion
 from rnc_pin.simulation import replay_limits
 
 CLEARANCE = 0.05
@@ -108,6 +109,15 @@ def test_a_start_that_cannot_stop_is_named_and_the_run_does_not_succeed():
     assert not run.verdict.succeeded
     assert braking(run, "rail position").amount == pytest.approx(run.q.max() - 1.0, abs=1e-6)
     assert rnc.simulation.RunInfo.from_json(run.info.to_json()).findings == run.info.findings
+
+
+def test_what_happens_within_a_step_counts():
+    """A velocity that rises to 1 and falls again has the mean 2/3; a joint that turns back from 1 to -1 goes 1/4."""
+    position = limits.JointPositionLimit().bind(cart(2.0))
+    risen = HeldMotion(*np.array([[[0.0], [2 / 3]], [[0.0], [0.0]], [[0.0], [0.0]]]), mean=np.array([[2 / 3]]), h=1.0)
+    assert risen.fastest([0]) == pytest.approx(1.0)
+    turned = HeldMotion(*np.array([[[0.9], [0.9]], [[1.0], [-1.0]], [[1.0], [-1.0]]]), mean=np.zeros((1, 1)), h=1.0)
+    assert position.along(turned) == pytest.approx(0.15)
 
 
 @pytest.mark.parametrize("acceleration", [0.5, 1.0])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, NamedTuple
 
@@ -97,14 +98,38 @@ class LimitRows(NamedTuple):
     """Indices of these rows among the names of the limit, if the other rows are idle; None if no row is left out."""
 
 
+class HeldMotion(NamedTuple):
+    """Motion under constant inputs, at the ends of K equal steps."""
+
+    q: Float[Array, "K+1 nq"]
+    v: Float[Array, "K+1 nv"]
+    v2: Float[Array, "K+1 r"]
+    mean: Float[Array, "K nv"]
+    """Mean velocities over the steps."""
+    h: float
+    """Duration of a step [s]."""
+
+    def fastest(self, entries: Sequence[int]) -> Float[Array, "K e"]:
+        """Largest magnitudes of velocities within each step, of the parabolas with these ends and this mean.
+
+        Args:
+            entries: entries of v.
+        """
+        before, after = self.v[:-1, entries], self.v[1:, entries]
+        bend = 3.0 * (before + after) - 6.0 * self.mean[:, entries]
+        turns = np.abs(after - before) < np.abs(bend)  # else the parabola rises or falls throughout
+        slope = after - before - bend
+        between = before - np.divide(slope**2, 4.0 * bend, out=np.zeros_like(bend), where=turns)
+        return np.maximum(np.maximum(np.abs(before), np.abs(after)), np.abs(between))
+
+
 class BoundLimit(ABC):
     """Limit of one model.
 
     Attributes:
         names: name of each row, (k,), e.g. "elbow position".
         averaged: True if the bounds hold for the mean velocity over the sample too.
-        spacing: longest motion of a velocity between two checks of a braking motion [m, rad]. Joints that all slow down
-            stay between the ends.
+        spacing: longest motion of a velocity between two checks of a braking motion [m, rad].
         jacobian: Jacobian of all rows (k, nv), if it is constant and no row is left out; None otherwise.
     """
 
@@ -124,6 +149,13 @@ class BoundLimit(ABC):
             sample: part of the motion with constant inputs, of several samples of the controller.
         """
         return self.rows(sample)
+
+    def along(self, motion: HeldMotion) -> Float[Array, "K k"] | None:
+        """Return the largest amount by which each step of a braking motion exceeds each limit.
+
+        By default, None: the motion is checked at states that are ``spacing`` apart.
+        """
+        return None
 
     def exceeded_by(
         self, state: StateEvaluation, time: float, mean: Float[Array, " nv"] | None = None

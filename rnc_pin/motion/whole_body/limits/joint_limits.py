@@ -20,6 +20,7 @@ from rnc_pin.motion.whole_body.limits.control_limit import (
     BoundLimit,
     ControlLimit,
     ControlSample,
+    HeldMotion,
     LimitRows,
     PlannedBraking,
 )
@@ -115,6 +116,9 @@ class _BoundVelocities(BoundLimit):
             fastest = np.maximum(fastest, np.abs(mean[self._indices]))
         return fastest - self._largest
 
+    def along(self, motion: HeldMotion) -> Array:
+        return motion.fastest(self._indices) - self._largest
+
 
 _STOPPING_TIME = 0.25  # [s] from the velocity limit, if no deceleration is given
 _CROSSING_TIME = 1.0  # [s] for the range of a joint without a velocity limit
@@ -205,6 +209,15 @@ class _BoundPositions(BoundLimit):
     def exceeded_by(self, state: StateEvaluation, time: float, mean: Array | None = None) -> Array:
         q, (lower, upper) = state.q[self._q], self._ends
         return np.maximum(q - upper, lower - q)
+
+    def along(self, motion: HeldMotion) -> Array:
+        q, v, (lower, upper) = motion.q[:, self._q], motion.v[:, self._v], self._ends
+        before, after, speeds = v[:-1], v[1:], np.abs(v)
+        # A joint that turns back within a step is farthest where its velocity vanishes.
+        part = np.divide(speeds[:-1], speeds[:-1] + speeds[1:], out=np.zeros_like(before), where=before * after < 0.0)
+        farthest = q[:-1] + 0.5 * motion.h * before * part
+        ends = q[1:]
+        return np.maximum(np.maximum(ends, farthest) - upper, lower - np.minimum(ends, farthest))
 
 
 def velocity_to_stop(room: Float[Array, " k"], deceleration: Float[Array, " k"], dt: float) -> Float[Array, " k"]:
@@ -301,3 +314,7 @@ class _BoundAccelerations(BoundLimit):
             return LimitRows(sample.end.J2, sample.start.v2 - change, sample.start.v2 + change)
         v = sample.start.v[self._indices]
         return LimitRows(self.jacobian, v - change, v + change)
+
+    def along(self, motion: HeldMotion) -> Array:
+        v = motion.v2 if self._indices is None else motion.v[:, self._indices]
+        return np.abs(np.diff(v, axis=0)) - self._largest * motion.h
