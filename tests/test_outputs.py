@@ -67,7 +67,6 @@ def test_rate_of_the_error():
 def test_errors_take_batch_axes():
     generator = np.random.default_rng(2)
     mixed = Coordinates([False, False, False, False, True], [1])
-    assert mixed.kinds.tolist() == [0, 2, 2, 2, 1]
     desired, actual, rate = generator.normal(size=5), generator.normal(size=(4, 2, 5)), generator.normal(size=(4, 2, 5))
     error = mixed.difference(desired, actual)
     change = mixed.difference_rate(error, np.ones(5), rate)

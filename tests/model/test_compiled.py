@@ -254,11 +254,6 @@ def test_arrays_have_the_names_of_quantities(arrays):
     assert names <= vars(arrays.__base__).keys()
 
 
-def test_a_library_without_a_kernel_declines_every_call():
-    assert _kernel.NUMPY_ALONE.track(np.zeros(3), 1.0) is None
-    assert (rnc.kernel == "numpy") == (_kernel.library is _kernel.NUMPY_ALONE)
-
-
 @needs_library
 @pytest.mark.parametrize("make", [tiago, space_robot_in_joints])
 def test_frames_are_those_of_pinocchio(make):
