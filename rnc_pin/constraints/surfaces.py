@@ -228,7 +228,7 @@ class CurvedGround(Protocol):
     Example:
         >>> bowl: rnc.CurvedGround = rnc.SphericalGround(1.0)
         >>> print(bowl.level(np.array([0.0, 0.0, -0.5])), bowl.gradient(np.array([1.0, 0.0, 0.0])), bowl.moves)
-        0.375 [-1. -0. -0.] False
+        0.375 [-1.  0.  0.] False
     """
 
     def level(self, point: np.ndarray) -> np.ndarray:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import partial
 
 import numpy as np
 from numpy import ndarray as Array
@@ -51,6 +52,9 @@ class _SampledState(StateEvaluation):
         self.q, self.t, self._v2, self._v, self._motion, self.v2 = q, None, v2, None, None, v2
         self.E_inverse = E_inverse = inverse["E_inverse"]
         self.R = E_inverse[self._data.basis]
+
+    def __reduce__(self) -> tuple[object, ...]:  # the record belongs to the kernel of this process
+        return partial(StateEvaluation.at, self._evaluator, self.q, v=self.v), ()
 
     @cached_property
     def configuration(self) -> ConfigurationEvaluation:

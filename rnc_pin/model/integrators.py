@@ -29,7 +29,6 @@ __all__ = [
     "LieRungeKutta4",
     "LinearPart",
     "Rate",
-    "ReducedMotion",
     "phi_functions",
 ]
 
