@@ -467,6 +467,23 @@ def kingpins():
     return robot(body, knuckles("kingpin", "front", 0.3))
 
 
+def afloat(text):
+    """The same robot on a free joint of its file, which a planar base replaces."""
+    floats = joint("world_joint", "world", "base", (0, 0, 0), kind="floating", effort=None)
+    return text.replace('<link name="base">', f'<link name="world"/>{floats}<link name="base">')
+
+
+def with_steered_trailer():
+    """A driven dolly of the trailer does not steer the car."""
+    hitch = link("trailer", 10.0, BOX) + joint("hitch", "base", "trailer", (-0.5, 0, 0), "0 0 1", "revolute", 0.0)
+    dolly = pivot("dolly", "trailer", (-0.4, 0, 0)) + pair("d", "dolly", 0.0)
+    driven = ("rear_l_joint", "rear_r_joint", "knuckle_l_joint", "dolly_joint")
+    return robot(
+        link("base", 20.0, BOX), pair("rear", "base", -0.3), knuckles("knuckle", "front", 0.3), hitch,
+        pair("t", "trailer", -1.0), dolly, transmissions(*driven),
+    )  # fmt: skip
+
+
 def with_virtual_wheels(*named):
     """A car with what controllers of steered bases ask for: 0.06 g on each axle, one on a pivot, no shapes."""
     parts = [link(name, 6e-5, moment=1e-8) for name in ("rear", "turn", "front")]
@@ -499,6 +516,9 @@ CAR = "planar: 4 wheels, steered like a car"
     (with_virtual_wheels(), {}, CAR, ["back_l_joint", "back_r_joint", "k_l_joint"], {"lock": {*VIRTUAL}}),
     (with_virtual_wheels(*VIRTUAL), {}, CAR, ["back_l_joint", "back_r_joint", "k_l_joint"], {"lock": {*VIRTUAL}}),
     (cart(limits=ONCE, names=DISKS), {}, DRIVES, ["part_3_joint", "part_4_joint"], {}),
+    (afloat(cart()), {}, DRIVES, L_R, {"lock": {"world_joint"}}),
+    (with_steered_trailer(), {}, "planar: 8 wheels, steered like a car with 1 trailer",
+        ["rear_l_joint", "rear_r_joint", "knuckle_l_joint"], {"lock": {"dolly_joint"}}),
 ])  # fmt: skip
 def test_motors_locks_and_wheels_of_a_draft(text, wishes, kind, actuators, counts, drafted):
     assert_base(drafted(text, **wishes), kind, actuators, counts)

@@ -119,30 +119,28 @@ def test_a_file_in_other_units_than_metres_is_doubted(radius, doubts):
     assert all(f"radius of {radius:g} m: lengths in a robot's file are in metres" in each.message for each in found)
 
 
-def test_the_base_has_to_move():
-    system = cart()
+def rolled(speed):
+    """(Robot, its motion at a speed [m/s] for 2 s)."""
+    robot = (system := cart()).robot
     reduced = system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base")])
-    start = system.robot.configuration()
-    rest = rnc.free_motion(reduced, start, [0.0, 0.0], duration=2.0)
-    rolls = rnc.free_motion(reduced, start, [0.09, 0.0], duration=2.0)
+    return robot, rnc.free_motion(reduced, robot.configuration(), [speed, 0.0], duration=2.0)
+
+
+def test_the_base_has_to_move():
+    (robot, rest), (_, rolls) = rolled(0.0), rolled(0.09)
     asked = 0.5 * (10 * 0.4**3 - 15 * 0.4**4 + 6 * 0.4**5)  # minimum jerk, after 2 of 5 s
-    (found,) = run_findings(Trial(2.0), rest, rolling(), system.robot)
+    (found,) = run_findings(Trial(2.0), rest, rolling(), robot)
     assert (found.kind, found.severity) == (FindingKind.GOAL, Severity.FAILS)
     assert found.amount == pytest.approx(asked)
-    assert run_findings(Trial(2.0), rolls, rolling(), system.robot) == []
+    assert run_findings(Trial(2.0), rolls, rolling(), robot) == []
     assert Trial(2.0, findings=(found,)).rank > Trial(2.0, "yaw", 0.4, 1.0).rank
 
 
 def test_an_error_of_half_the_motion_fails():
-    system = cart()
-    reduced = system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base")])
-    run = rnc.free_motion(reduced, system.robot.configuration(), [0.1, 0.0], duration=2.0)
-
-    def severities(error):
-        found = run_findings(Trial(2.0, "yaw", error, 1.0), run, rolling(), system.robot)
-        return [each.severity for each in found]
-
-    assert (severities(0.1), severities(0.3), severities(0.6)) == ([], [Severity.DEGRADES], [Severity.FAILS])
+    robot, run = rolled(0.1)
+    found = [run_findings(Trial(2.0, "yaw", error, 1.0), run, rolling(), robot) for error in (0.1, 0.3, 0.6)]
+    severities = [[each.severity for each in every] for every in found]
+    assert severities == [[], [Severity.DEGRADES], [Severity.FAILS]]
 
 
 def test_efforts_beyond_the_file_are_said(tmp_path, brief):
@@ -191,12 +189,6 @@ def test_a_motion_is_reduced_until_it_keeps_the_limits_of_the_file(limited, shar
     assert f"with {round(100 * step / 0.2)} % of the usual motion" in text
 
 
-def test_actuators_with_effort_0_are_not_driven_silently(tmp_path, brief):
-    text, content, _ = drafted(car(rear=0), tmp_path)
-    assert set(content["actuators"]) == {"rear_left_joint", "rear_right_joint", "steer_left_joint"}
-    assert "- rear_left_joint  # effort 0 in the file: CHECK its limit" in text
-
-
 def test_forces_that_are_rounding_steer_no_wheel():
     """Two wheels push a car; their effect of 2e-32 on its steering is no force."""
     candidates = ActuatorCandidates([("left", ""), ("right", "")], [("steer", ""), ("other", "")], [], [])
@@ -205,17 +197,20 @@ def test_forces_that_are_rounding_steer_no_wheel():
     assert candidates.enough(forces[:, [0, 1, 0, 0]]) == candidates.sure
 
 
-def test_a_wheel_with_effort_0_is_left_idle_if_another_drives(tmp_path, brief):
-    text, content, _ = drafted(car(rear_right=0), tmp_path)
-    assert content["actuators"] == ["rear_left_joint", "steer_left_joint"]
-    assert "Which wheels are driven? rear_left_joint (80 % sure: effort 0 of rear_right_joint)" in text
+DRIVEN = ["rear_left_joint", "rear_right_joint", "steer_left_joint"]
 
 
-def test_a_file_with_effort_0_for_all_joints_states_none(tmp_path, brief):
-    text, content, _ = drafted(car(rear=0, steering=0), tmp_path)
-    assert content["actuators"] == ["rear_left_joint", "rear_right_joint", "steer_left_joint"]
-    assert "the file states no effort: 0 for every joint" in text
-    assert "nothing drives" not in text
+@pytest.mark.parametrize(("efforts", "actuators", "said"), [
+    ({"rear": 0}, {*DRIVEN}, "- rear_left_joint  # effort 0 in the file: CHECK its limit"),
+    ({"rear_right": 0}, {*DRIVEN} - {"rear_right_joint"},
+        "Which wheels are driven? rear_left_joint (80 % sure: effort 0 of rear_right_joint)"),
+    ({"rear": 0, "steering": 0}, {*DRIVEN}, "the file states no effort: 0 for every joint"),
+], ids=["wheels", "one wheel", "all"])  # fmt: skip
+def test_efforts_of_0_leave_a_wheel_idle_if_another_drives_and_are_said(efforts, actuators, said, tmp_path, brief):
+    text, content, _ = drafted(car(**efforts), tmp_path)
+    assert (len(content["actuators"]), {*content["actuators"]}) == (len(actuators), actuators)
+    assert said in text
+    assert "nothing drives" not in text or "rear_right" in efforts
 
 
 def test_of_two_open_answers_the_one_whose_run_keeps_the_limits_is_taken(tmp_path):

@@ -201,6 +201,29 @@ def test_a_plan_keeps_links_from_each_other_as_the_verdict_checks_them(tmp_path,
     assert execute(unchecked).trajectory.verdict.first.where == "rail / tool"
 
 
+CAR = """
+robot: {urdf: car.urdf, base: planar}
+constraints: [{no_side_slip: {frame: front_axle}}, {no_side_slip: {frame: rear_axle}}]
+actuators: [{force: {frame: rear_axle, axis: x}}, front_steering]
+outputs:
+  reducing: [{frame_speed: {frame: rear_axle, axis: x}}, {joint: front_steering}]
+  vertical: [{frame_position: {frame: rear_axle, axes: xy}}]
+planner: {type: optimal, goal: {rear_axle_x: 2, rear_axle_y: 0.5}, duration: 3, nodes: 12, form: kinematic}
+controller: {type: plan_feedback}
+simulation: {duration: 3, dt: 0.05}
+"""
+
+
+@pytest.mark.parametrize("guess", [
+    {"path": {"to": [2, 0.5, 0], "wheelbase": 0.5, "frame": "rear_axle"}}, {"through": [{"root_joint": [1, 0.2, 0.1]}]},
+])  # fmt: skip
+def test_a_guess_of_the_file_leads_to_the_plan_and_costs_of_outputs_to_their_target(tmp_path, guess):
+    costs = {"outputs": [{"outputs": ["front_steering"], "target": [0.1], "weight": 100.0, "phase": "terminal"}]}
+    plan = Scenario.load(written(tmp_path, CAR, planner={"guess": guess, "costs": costs})).experiment.plan
+    assert (plan.info.guess, plan.q[-1, :2].tolist()) == ("given", pytest.approx([2.0, 0.5], abs=1e-2))
+    assert plan.q[-1, -1] == pytest.approx(0.1, abs=0.02)
+
+
 BEHIND_A_WALL = """
 robot: {urdf: unicycle.urdf, base: planar}
 constraints: [{rolling_wheel: {frame: wheel, radius: 0.25}}]
