@@ -5,7 +5,7 @@ After the end of a plan, the motion stops within the accelerations of the plan, 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import cached_property
 from typing import NamedTuple
@@ -20,6 +20,7 @@ from rnc_pin.errors import ConfigurationError, ConstraintError
 from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.input_validation import Positive
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.motion.optimal.costs import Weight, weights_of
 from rnc_pin.motion.optimal.guesses import inputs_for
 from rnc_pin.motion.optimal.interior_point import RiccatiFactors
@@ -166,9 +167,16 @@ class BoundedCommands:
                     reserve = np.where(np.isfinite(width), _RESERVE * width, 0.0)
                     sides = sides + np.clip(gaps / 2.0, 0.0, reserve) * [1.0, -1.0]
             self._sides[quantity] = k, sides, room
+        self._vertical = bool((self._sides["output"][0] >= model.r).any())
 
     def nearest(
-        self, u: Array, planned: Array, q: Array, v2: Array, dt: float, plan: tuple[Array, Array] | None = None
+        self,
+        u: Array,
+        planned: Array,
+        q: Array,
+        v2: Array,
+        dt: float,
+        plan: Callable[[], tuple[Array, Array]] | None = None,
     ) -> Array:
         """Return the input within all bounds that is near to an input (nu,).
 
@@ -178,60 +186,76 @@ class BoundedCommands:
             q: configuration (nq,).
             v2: reduced velocity (r,).
             dt: duration of the sample [s]; 0 if it is not known.
-            plan: outputs of the plan and their rates (k,); None after its end, and away from plans.
+            plan: returns the outputs of the plan, as ``outputs``; None after its end, and away from plans.
         """
-        model, u = self._model, u.copy()
-        # A held command decays by half of the way to the bound within a sample: faster ones pass it.
-        rate = min(self._approach, 0.5 / dt) if dt > 0 else self._approach
-        outputs, speeds, inputs = self._sides.values()
+        u, (outputs, speeds, inputs) = u.copy(), self._sides.values()
         if len(outputs[0]) or len(speeds[0]):
-            at, zero = model.reduced.at(q, v2), np.zeros(model.r)
-            rows = np.concatenate([np.eye(model.r), at.A_star])
-            x, rates = self.outputs(q, v2)
-            if model.form == "kinematic":
-                free = rates - rows @ v2
-                values = [(outputs, rate, x, plan and plan[0])]
-            else:
-                free = np.concatenate([zero, at.J1 @ at.v_dot(zero) + at.J1_dot @ at.v])
-                ends = plan and plan[0] + 2.0 / rate * plan[1]
-                values = [(outputs, rate**2, x + 2.0 / rate * rates, ends)]
-                values += [(speeds, rate, rates, plan and plan[1])]
-            metric = np.eye(model.nu)
-            if model.form == "dynamic":
-                moved, passive = at.input_accelerations
-                # Least change of accelerations, not of inputs: torques of an arm's base shake its light wrist.
-                metric = np.linalg.pinv(moved.T @ moved)
-                rows, free = rows @ moved, free + rows @ passive
-            wanted = []
-            for (k, sides, room), gain, value, aim in values:
-                change = gain * (sides.T - value[k])
-                if aim is not None:
-                    ahead = value[k] - aim[k]
-                    own = rows[k] @ planned + free[k] - gain * ahead
-                    wider = np.minimum(change[0], own), np.maximum(change[1], own)
-                    change = np.where(np.stack([-ahead, ahead]) <= room, wider, change)
-                wanted.append((rows[k], *(change - free[k])))
-            A, low, high = (np.concatenate(each) for each in zip(*wanted, strict=True))
-            # Usually nothing is beyond. Else each row in turn gets the least change, and rows that share inputs settle
-            # in a few sweeps: cheaper than a quadratic program, and never infeasible.
-            if (np.clip(A @ u, low, high) != A @ u).any():
-                sweeps = 3  # over the bounds of outputs that share inputs
-                for row, along, least, most in list(zip(A, A @ metric, low, high, strict=True)) * sweeps:
-                    now = row @ u
-                    u = u + along * ((np.clip(now, least, most) - now) / max(row @ along, _ROUNDING))
-        for k, sides, _ in [inputs, speeds] if model.form == "kinematic" else [inputs]:
+            u = self._kept(u, planned, q, v2, dt, plan)
+        for k, sides, _ in [inputs, speeds] if self._model.form == "kinematic" else [inputs]:
             u[k] = np.clip(u[k], *sides.T)
         return u
 
+    def _kept(
+        self, u: Array, planned: Array, q: Array, v2: Array, dt: float, plan: Callable[[], tuple[Array, Array]] | None
+    ) -> Array:
+        """Input that keeps outputs and velocities within their bounds, as far as inputs can."""
+        model, at = self._model, self._model.reduced.at(q, v2)
+        (x, rates), rows, free = self._outputs(at), np.eye(model.r), np.zeros(model.r)
+        if self._vertical:
+            rows = np.concatenate([rows, at.A_star])
+            own = at.v1 - at.A_star @ v2 if model.form == "kinematic" else at.J1 @ at.v_dot(free) + at.J1_dot @ at.v
+            free = np.concatenate([free, own])
+        if model.form == "dynamic":
+            moved, passive = at.input_accelerations
+            rows, free = rows @ moved, free + rows @ passive
+        # A held command decays by half of the way to the bound within a sample: faster ones pass it.
+        rate = min(self._approach, 0.5 / dt) if dt > 0 else self._approach
+
+        def limits(aims: tuple[Array, Array] | None) -> tuple[Array, Array, Array]:
+            """Rows of the inputs (k, nu), and their limits (k,)."""
+            found = []
+            for quantity in ("output",) if model.form == "kinematic" else ("output", "velocity"):
+                (k, sides, room), position = self._sides[quantity], quantity == "output"
+                # Velocities decay to a bound at the rate, positions as the critically damped motion of this rate.
+                gain, lead = (rate**2, 2.0 / rate) if model.nw and position else (rate, 0.0)
+                value = x[k] + lead * rates[k] if position else rates[k]
+                change = gain * (sides.T - value)
+                if aims is not None:
+                    ahead = value - (aims[0][k] + lead * aims[1][k] if position else aims[1][k])
+                    own = rows[k] @ planned + free[k] - gain * ahead
+                    wider = np.minimum(change[0], own), np.maximum(change[1], own)
+                    change = np.where(np.stack([-ahead, ahead]) <= room, wider, change)
+                found.append((rows[k], *(change - free[k])))
+            A, low, high = (np.concatenate(each) for each in zip(*found, strict=True))
+            return A, low, high
+
+        A, low, high = limits(None)
+        # Usually nothing is beyond, and what the plan allows in addition is not needed.
+        if plan is not None and (np.clip(A @ u, low, high) != A @ u).any():
+            A, low, high = limits(plan())
+        if (np.clip(A @ u, low, high) != A @ u).any():
+            # Least change of accelerations, not of inputs: torques of an arm's base shake its light wrist.
+            along = A @ np.linalg.pinv(moved.T @ moved) if model.form == "dynamic" else A
+            # Each row in turn gets its change, and rows that share inputs settle in a few sweeps: cheaper than a
+            # quadratic program, and never infeasible.
+            sweeps = 3
+            for row, way, least, most in list(zip(A, along, low, high, strict=True)) * sweeps:
+                now = row @ u
+                u = u + way * ((np.clip(now, least, most) - now) / max(row @ way, _ROUNDING))
+        return u
+
     def outputs(self, q: Array, v2: Array) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
-        """Return all outputs of the model, reducing ones first, and their rates.
+        """Return the outputs of the model, reducing ones first, and their rates; no vertical ones without a bound.
 
         Args:
             q: configuration (nq,).
             v2: reduced velocity (r,).
         """
-        at = self._model.reduced.at(q, v2)
-        return np.concatenate(at.outputs()[::-1]), np.concatenate([v2, at.v1])
+        return self._outputs(self._model.reduced.at(q, v2))
+
+    def _outputs(self, at: StateEvaluation) -> tuple[Array, Array]:
+        x1, x2 = at.outputs()
+        return (np.concatenate([x2, x1]), np.concatenate([at.v2, at.v1])) if self._vertical else (x2, at.v2)
 
     def force(self, u: Array, q: Array, v2: Array, dt: float, t: float) -> Float[Array, " r"]:
         """Return the reduced force of an input of the forms "acceleration" and "kinematic", held over a sample.
@@ -344,7 +368,7 @@ class PlanFeedback(ReprMixin):
             force = at.R.T @ (self._reduced.robot.model.damping * at.v)
             if model.form == "dynamic":
                 feedforward = feedforward + at.allocate(force)
-        u = self._commands.nearest(feedforward + K @ dx, feedforward, q, v2, dt, known and known[:2])
+        u = self._commands.nearest(feedforward + K @ dx, feedforward, q, v2, dt, known and (lambda: known[:2]))
         state = FeedbackState(t, u, dx)
         x2, x1 = (None, None) if known is None else np.split(known.position, [model.r])
         if model.form == "dynamic":
