@@ -41,6 +41,7 @@ Given: TypeAlias = Any
 
 
 def _files(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    # The shell itself completes paths: it is only told to do so.
     return [CompletionItem(incomplete, type="file")]
 
 
@@ -81,6 +82,7 @@ def _all(*options: Callable[[_Command], _Command]) -> Callable[[_Command], _Comm
     """Decorator that adds arguments and options in this order."""
 
     def add(command: _Command) -> _Command:
+        # Decorators apply from the bottom up, and help lists options from the top down.
         for option in reversed(options):
             command = option(command)
         return command
@@ -124,6 +126,7 @@ _HELP = {"help_option_names": ["-h", "--help"]}
 @click.pass_context
 def cli(context: click.Context) -> None:
     """Dynamics, redundancy and control of nonholonomic mechanical systems from a URDF."""
+    # An error and not the help: a script that lost its command should notice.
     if context.invoked_subcommand is None:
         raise click.UsageError(f"expected a command: {', '.join(cli.commands)}", context)
 
@@ -172,6 +175,7 @@ def drive(**given: Given) -> int:
 
     Arrow keys or W A S D drive the base, a click on the ground sets a goal, and sliders move joints. Space stops.
     """
+    # Before the imports, which take a second: the terminal is not silent.
     announce(f"{given['source']}: preparing the drive", quiet=True)
     return _imported(lambda: commands.drive_robot)(**given)
 

@@ -78,6 +78,7 @@ def complain(message: str) -> None:
     Args:
         message: the error.
     """
+    # Messages quote files and pages: control characters could write anywhere on the terminal.
     click.echo(f"rnc-pin: error: {printable(message)}", err=True)
 
 

@@ -87,6 +87,7 @@ def print_object(found: SummaryMixin, title: str, lines: Sequence[Line] = ()) ->
     """
     table = Table(show_header=False, title=title, title_justify="left", title_style="bold", show_lines=True)
     table.add_column(style="bold")
+    # Long names are folded, and not cut.
     table.add_column(overflow="fold")
     for label, items in (*lines, *found.summary_lines()):
         if items:

@@ -21,6 +21,17 @@ DT = {"simulation__dt": 0.02}
 QUICK = ["--no-browser", "--set", "simulation.dt=0.02"]
 
 
+@pytest.fixture
+def served(request):
+    """A driven run, the queue of its page, and the page; a parameter is the title."""
+    run = prepared("mobile-manipulator", controller=SLOW, **DT)
+    queue, before = CommandQueue(run.controls), listening()
+    page = DrivePage(run, queue, getattr(request, "param", "Drive"), open_browser=False)
+    assert {address for address, _ in listening() - before} == {"0100007F"}
+    yield run, queue, page
+    page.close()
+
+
 def test_a_drive_is_a_normal_run(call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("rnc_pin.applications.scenario.pictures._write_plot", lambda *_: False)
@@ -73,13 +84,10 @@ SLOW = {
 }  # fmt: skip
 
 
-def test_a_user_drives_from_a_real_browser(browser):
+def test_a_user_drives_from_a_real_browser(browser, served):
     """Keys, a click on the ground, a slider, a limit, and the end of the run."""
-    drive_ = prepared("mobile-manipulator", controller=SLOW, **DT)
-    queue, before = CommandQueue(drive_.controls), listening()
-    page_ = DrivePage(drive_, queue, "Drive", open_browser=False)
+    drive_, queue, page_ = served
     with in_real_time(drive_, queue, page_) as results:
-        assert {address for address, _ in listening() - before} == {"0100007F"}
         page, problems = visit(browser, page_.url)
         page.set_viewport_size({"width": 1000, "height": 640})
         page.wait_for_selector("#drive button.stop", timeout=1000 * PATIENCE)
@@ -145,49 +153,39 @@ def kinds(run_):
     return [(each.kind, next((value for _, value in each if isinstance(value, float)), None)) for each in commands]
 
 
-def test_a_page_without_the_secret_may_watch_but_not_drive(browser):
-    drive_ = prepared("mobile-manipulator", **DT)
-    queue = CommandQueue(drive_.controls)
-    page_ = DrivePage(drive_, queue, "Drive", open_browser=False)
-    try:
-        page, _ = visit(browser, page_.url.partition("#")[0])
-        page.wait_for_selector("#messages li", state="attached", timeout=1000 * PATIENCE)
-        assert "may only watch" in page.text_content("#messages")
-        page.evaluate("drive_command({kind: 'stop'})")
-        assert queue.take() == []
-        page.context.close()
-    finally:
-        page_.close()
+def test_a_page_without_the_secret_may_watch_but_not_drive(browser, served):
+    _, queue, page_ = served
+    page, _ = visit(browser, page_.url.partition("#")[0])
+    page.wait_for_selector("#messages li", state="attached", timeout=1000 * PATIENCE)
+    assert "may only watch" in page.text_content("#messages")
+    page.evaluate("drive_command({kind: 'stop'})")
+    assert queue.take() == []
+    page.context.close()
 
 
 @pytest.mark.parametrize("leave", [lambda page: page.close(), lambda page: page.reload()])
-def test_a_page_that_is_closed_stops_the_robot_whatever_it_was_told(leave, browser):
-    drive_ = prepared("mobile-manipulator", **DT)
-    queue, taken = CommandQueue(drive_.controls), []
-    page_ = DrivePage(drive_, queue, "Drive", open_browser=False)
+def test_a_page_that_is_closed_stops_the_robot_whatever_it_was_told(leave, browser, served):
+    (_, queue, page_), taken = served, []
 
     def last():
         taken.extend(each.kind for each in queue.take())
         return taken[-1:]
 
-    try:
-        page, _ = visit(browser, page_.url)
-        page.wait_for_selector("#drive button.stop", timeout=1000 * PATIENCE)
-        page.evaluate("drive_command({kind: 'base_goal', x: 3.0, y: 0.0})")
-        assert eventually(lambda: last() == ["base_goal"])
-        leave(page)
-        assert eventually(lambda: last() == ["stop"])
-        page.context.close()
-    finally:
-        page_.close()
+    page, _ = visit(browser, page_.url)
+    page.wait_for_selector("#drive button.stop", timeout=1000 * PATIENCE)
+    page.evaluate("drive_command({kind: 'base_goal', x: 3.0, y: 0.0})")
+    assert eventually(lambda: last() == ["base_goal"])
+    leave(page)
+    assert eventually(lambda: last() == ["stop"])
+    page.context.close()
 
 
-def test_a_phone_has_the_controls_below_the_picture(browser):
+@pytest.mark.parametrize(
+    "served", ["Mobile manipulator: hand tracked, reach kept (section 4.2)"], indirect=True, ids=[""]
+)
+def test_a_phone_has_the_controls_below_the_picture(browser, served):
     """Neither the panel nor the overlay nor the legend covers another, and all of the panel can be reached."""
-    drive_ = prepared("mobile-manipulator", **DT)
-    queue = CommandQueue(drive_.controls)
-    title = "Mobile manipulator: hand tracked, reach kept (section 4.2)"  # it is wider than a phone
-    page_ = DrivePage(drive_, queue, title, open_browser=False)
+    drive_, queue, page_ = served
     with in_real_time(drive_, queue, page_):
         page, problems = visit(browser, page_.url)
         page.set_viewport_size({"width": 390, "height": 844})

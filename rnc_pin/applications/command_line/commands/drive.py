@@ -50,6 +50,7 @@ def drive_robot(
     for warning in prepared.scenario.experiment.warnings:
         warn(warning)
     path = out or Path("runs") / f"{prepared.scenario.name.strip('.') or 'scenario'}-drive"
+    # The folder replaces files of these names, and no others.
     names = [*data_names(), *picture_names(prepared.scenario)]
     with uninterrupted(), OutputFolder(path, force, names) as target:
         result = _driven(prepared, new["duration"], browser)
@@ -74,6 +75,7 @@ def _driven(prepared: PreparedDrive, duration: float | None, browser: bool) -> R
         # The clock starts with the first sample, so that waiting for the browser is not made up for.
         result = drive(prepared, queue, samples, RealTimeClock(), page)
         page.conclude(result.trajectory.verdict)
+    # The run does not need its page: the record is whole.
     if page.problem is not None:
         warn(f"the page stopped: {type(page.problem).__name__}: {page.problem}")
     return result

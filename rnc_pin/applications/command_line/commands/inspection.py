@@ -65,8 +65,10 @@ def draft_scenario(
         click.echo(f"rnc-pin: question: {question}", err=True)
     if own:
         raise ConfigurationError(f"--out {path}: is the robot's own file; choose another name")
+    # Whole or not at all, also if the disk is full.
     with one_line_errors(f"--out {path}"), atomic_file(path, force) as partial:
         partial.write_text(found.text, encoding="utf-8")
+    # The commands can be copied, whatever the path is.
     quoted = shlex.quote(str(path))
     click.echo(f"wrote {path}: read it, then try: rnc-pin inspect {quoted}; rnc-pin run {quoted}")
 

@@ -66,6 +66,7 @@ def load_run(source: Path) -> Run:
     scenario = validate(origin.config, str(source))
     folder = _folder(origin)
     _, reduced = build_reduced(scenario, folder)
+    # The file of the robot may have changed since the run.
     if trajectory.q.shape[1] != reduced.robot.nq:
         raise ConfigurationError(
             f"{source}: configurations have {trajectory.q.shape[1]} entries, but its robot has nq = {reduced.robot.nq}"
@@ -205,6 +206,7 @@ def _show(run: Run, speed: float, browser: bool, host: str) -> None:
     shown = run.drawn_model, run.scenario.view, run.trajectory.info, run.title
     # Ctrl-C ends the show, and is no failure of the run.
     with live_view(*shown, speed, browser, host) as live, suppress(KeyboardInterrupt):
+        # As often as a screen draws.
         for state in recorded_states(run.reduced.robot, run.trajectory, rate=60.0):
             live(state)
 

@@ -49,6 +49,7 @@ def run_scenario(
     prepared = Scenario.load(scenario, parse_options(options))
     plans = prepared.content.planner is not None  # which takes most of the time before the run
     activity = f"{prepared.name}: {'planning the motion' if plans else 'preparing the run'}"
+    # A plan has no steps to show on a bar.
     if plans:
         announce(activity, as_json)
     # Models with meshes and plans take minutes, for which a log would be silent.

@@ -50,6 +50,7 @@ def sweep_scenario(
     except KeyboardInterrupt:
         complain(f"interrupted after {reached} of {runs} runs, which are in {out}; the same command continues")
         return FAILED
+    # A worker has died: the input is right, so the status is 1 and not 2.
     except SimulationError as error:
         complain(str(error))
         return FAILED
