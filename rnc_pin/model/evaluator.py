@@ -250,7 +250,8 @@ class Evaluator:
         """
         (start, end), data = sample, self.data
         later = np.empty(data.n + data.r + data.vertical.size + 1 + data.rheonomic)
-        known = end.q, v2, T, end.compiled_kinematics, self.rates_at(t), later, start.v2
+        rates = self.rates_at(t) if data.rheonomic else None
+        known = end.q, v2, T, end.compiled_kinematics, rates, later, start.v2
         return bool(self.calls.far_within(*known, np.array([dt]), *bounds))
 
     def inverse_dynamics(self, q: ArrayInput, v2: ArrayInput, v2_dot: ArrayInput, t: ArrayInput | None) -> Array:

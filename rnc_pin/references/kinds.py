@@ -191,7 +191,7 @@ class Harmonic(ReferenceSummary):
         self._center = _admit(center, "center of a harmonic reference")
         self.size = self._center.size
         try:
-            amplitude, self._rate, phase = (
+            amplitude, rate, phase = (
                 np.array(np.broadcast_to(each, self._center.shape))
                 for each in (
                     numbers_of(amplitude, "amplitude"),
@@ -202,7 +202,8 @@ class Harmonic(ReferenceSummary):
         except ValueError:
             raise InputError(f"amplitude, frequency and phase have to be numbers or lists of {self.size}") from None
         orders = np.arange(4.0)[:, None]  # each derivative multiplies by the rate and is a quarter turn ahead
-        self._phases, self._amplitudes = phase + 0.5 * np.pi * orders, amplitude * self._rate**orders
+        self._phases, self._amplitudes = phase + 0.5 * np.pi * orders, amplitude * rate**orders
+        self._rates = np.tile(rate, (4, 1))  # of the shape of the others: NumPy takes long to repeat rows
         # The step of degree seven from 0 to 1 has three derivatives that vanish at both ends.
         step = np.array([-20.0, 70.0, -84.0, 35.0, 0.0, 0.0, 0.0, 0.0]) / max(ramp, 1e-9) ** np.arange(7.0, -1.0, -1.0)
         growth = PiecewisePolynomial(step[:, None, None], np.array([0.0, ramp]), 0.0, ramp)._pieces[0]
@@ -214,7 +215,7 @@ class Harmonic(ReferenceSummary):
         if t <= 0:
             zero = np.zeros(self.size)
             return ReferencePoint(self._center, zero, zero, zero)
-        waves = self._amplitudes * np.sin(self._rate * t + self._phases)
+        waves = self._amplitudes * np.sin(self._rates * t + self._phases)
         if t < self._ramp:
             waves = (t**self._powers).dot(self._leibniz).reshape(4, 4).dot(waves)
         position, velocity, acceleration, jerk = waves

@@ -11,7 +11,7 @@ import pinocchio as pin
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.controller import Command, Description, State, elapsed_time, listed, nested
-from rnc_pin.math.linear_algebra import as_slice, clipped
+from rnc_pin.math.linear_algebra import as_slice
 from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.input_validation import Positive, check_positive_settings
 from rnc_pin.model.integrators import DEFAULT_TOLERANCE, ReducedMotion
@@ -183,6 +183,7 @@ class InverseDynamicsQP(WholeBodyProgram):
         super().__init__(reduced, tasks, limits, resting=reduced.r)
         self._contacts, self._motion = ContactCones(reduced, friction), ReducedMotion(reduced.robot)
         efforts = reduced.actuation.limits
+        self._least, self._most = -efforts, efforts
         limited = np.flatnonzero(np.isfinite(efforts))
         self._limited, self._efforts = as_slice(limited), efforts[limited]
         self.limit_names = (
@@ -378,7 +379,7 @@ class InverseDynamicsQP(WholeBodyProgram):
                 break
         if not far:
             T, v2 = program.efforts(best.unknowns), program.velocity(best.unknowns)
-        T = clipped(T, self._reduced.actuation.limits)  # the solver's rounding is no effort
+        T = np.minimum(np.maximum(T, self._least), self._most)  # the solver's rounding is no effort
         return InputSolution(T, v2, best.multipliers, best.excess, best_end, best.unsolved)
 
     def _end(self, state: StateEvaluation, T: Array) -> StateEvaluation:

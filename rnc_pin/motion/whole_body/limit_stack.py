@@ -198,14 +198,16 @@ class LimitStack:
             sample: the sample.
             braking: True for the rows of a braking motion.
         """
-        found = []
-        for limit, where in zip(self._bound, self._places, strict=True):
-            rows = limit.braking_rows(sample) if braking else limit.rows(sample)
-            if rows is not None:
-                found.append((*rows[:3], where if rows.places is None else where[rows.places]))
-        jacobians, lower, upper, places = zip(self._nothing, *found, strict=True)
-        low, high = np.concatenate(lower), np.concatenate(upper)
-        whole, chosen = self._constant or (np.concatenate(jacobians), np.concatenate(places))
+        each = [limit.braking_rows(sample) if braking else limit.rows(sample) for limit in self._bound]
+        if self._constant:
+            whole, chosen = self._constant
+            low, high = (np.concatenate(sides) for sides in list(zip(*each, strict=True))[1:3])
+        else:
+            found = [self._nothing]
+            for rows, where in zip(each, self._places, strict=True):
+                if rows is not None:
+                    found.append((*rows[:3], where if rows.places is None else where[rows.places]))
+            whole, low, high, chosen = map(np.concatenate, zip(*found, strict=True))
         # One product finds whether any bound is missing; most programs have all.
         widths = high - low
         if not widths.dot(widths) < np.inf:

@@ -393,9 +393,13 @@ class _BoundPosture(BoundTask):
         self.names = tuple(f"{name} posture" for name in self._joints)
         self._model, self._gain = robot.model, task.numbers("gain", task.gain, len(indices))
         self._jacobian, self._v = np.eye(reduced.n)[indices], as_slice(np.array(indices))
+        self._numbers = self._goal[self._v] if robot.nq == robot.nv else None
 
     def rows(self, sample: ControlSample) -> TaskRows:
-        error = pin.difference(self._model, sample.end.q, self._goal)[self._v]  # angles take the shortest way
+        q = sample.end.q
+        if self._numbers is not None:  # no joint has angles: positions are real numbers
+            return TaskRows(self._jacobian, self._gain * (self._numbers - q[self._v]))
+        error = pin.difference(self._model, q, self._goal)[self._v]  # angles take the shortest way
         return TaskRows(self._jacobian, self._gain * error)
 
     def errors(self, time: float, position: PositionKinematics, v: Float[Array, " nv"]) -> dict[str, float]:
