@@ -37,18 +37,8 @@ class PartialRun(Protocol):
         ...
 
 
-class PartialPlan(Protocol):
-    """Plan that its verification does not confirm: a ``MotionPlan``."""
-
-    @property
-    def time(self) -> np.ndarray:
-        """Times of the nodes (K + 1,) [s]."""
-        ...
-
-    @property
-    def q(self) -> np.ndarray:
-        """Configurations (K + 1, nq)."""
-        ...
+class PartialPlan(PartialRun, Protocol):
+    """Plan that its verification does not confirm: a ``MotionPlan``, with the times and configurations of its nodes."""
 
     @property
     def verdict(self) -> object:
