@@ -79,7 +79,9 @@ class BrakingState(NamedTuple):
     kept: BrakingMotion | None = None
     """Rest of a verified braking motion, from the predicted end of the last sample."""
     share: float = 1.0
-    """Part of the way from the kept motion to the program's inputs; it grows slowly, lest the robot stops and goes."""
+    """Part of the way from the last inputs to the program's; it grows slowly, lest the robot stops and goes."""
+    last: Float[Array, " p"] | None = None
+    """Inputs of the last sample."""
     failed: Float[Array, " k"] | None = None
     """Configuration, reduced velocity and time of the last attempt in units of a change, if it was in vain."""
     braked: SampleCount = SampleCount()
@@ -172,15 +174,20 @@ class Braking:
             if not np.abs(np.concatenate(apart)).max() <= _SAME:
                 kept, before = None, np.maximum(before, self.exceeded(start, t))
         together, share, eased = kept is None or kept.together, state.share, planned
-        if kept is not None and share < 1.0:  # back to the program bit by bit, lest the robot stops and goes
-            eased = under(kept.inputs[0] + share * (planned.T - kept.inputs[0]))
+        if kept is not None and share < 1.0 and state.last is not None:
+            # Bit by bit from the last inputs back to the program. What is next to that between the kept motion and the
+            # program keeps the conditions of the ground, as both do.
+            first, way = kept.inputs[0], planned.T - kept.inputs[0]
+            aim = state.last + share * (planned.T - state.last) - first
+            eased = under(first + min(max(float(aim @ way) / max(float(way @ way), 1e-300), 0.0), 1.0) * way)
         asked = np.maximum(rows.lower, -rows.upper)[~self._limits.judged_by_rows[rows.places]]
         moved = bool((asked > _BEYOND).any())  # limits ask for motion: an obstacle comes nearer, or one is exceeded
         budget = 2 * _DECISIONS if kept is None or moved else _BUDGET
         after = self._after(t, eased, before, ground, together, budget)
         if after.problem is None:
             braked = state.braked if eased is planned else state.braked.and_one(t, state.braked.reason)
-            return eased, state._replace(kept=after, failed=None, share=min(1.0, share + _EASED), braked=braked)
+            share = min(1.0, share + _EASED)
+            return eased, state._replace(kept=after, failed=None, share=share, last=eased.T, braked=braked)
         if moved:
             return unverified(after.problem)
         braked = state.braked.and_one(t, after.problem)
@@ -188,15 +195,16 @@ class Braking:
             kept = self.motion(start, t, before, ground)
         if kept.problem is not None and (state.kept is None or not len(kept.inputs)):
             return unverified(kept.problem)
-        first = under(kept.inputs[0])
-        if (problem := self._broken(first.exceeded, np.maximum(before, _SAME))) is not None:  # an obstacle came nearer
+        braking = under(kept.inputs[0])
+        problem = self._broken(braking.exceeded, np.maximum(before, _SAME))
+        if problem is not None:  # an obstacle came nearer
             return unverified(problem)
         # A plant that is not the model brakes by a motion that is not verified.
         missing = state.unverified.and_one(t, kept.problem or "")
-        state = state._replace(braked=braked, failed=None, unverified=missing, share=max(0.5 * share, _EASED))
+        state = state._replace(braked=braked, failed=None, unverified=missing, share=_EASED, last=braking.T)
         rest = kept.inputs[1:] if len(kept.inputs) > 1 else kept.inputs
         # What the budget left out in this sample comes first in the next one.
-        return first, state._replace(kept=BrakingMotion(first.q, first.v2, rest, None, not together))
+        return braking, state._replace(kept=BrakingMotion(braking.q, braking.v2, rest, None, not together))
 
     def motion(
         self,
