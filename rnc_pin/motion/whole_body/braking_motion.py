@@ -28,7 +28,7 @@ from rnc_pin.motion.whole_body.whole_body_program import SampleCount
 _KEPT = 2e-7  # [rad, m, and per second] excess over a limit that is an error of the integration
 _REST = 1e-4  # [rad/s, m/s] speed that counts as rest: its inputs remove it within a sample
 _DECISIONS = 30  # of one motion, so that runs repeat
-_BUDGET = 16  # decisions in a sample that may follow a kept motion instead
+_BUDGET, _PACE = 16, 3200.0  # decisions in a sample that may follow a kept motion instead: at least, and per second
 _SMALL = 0.1  # speed of a joint that does not count, relative to the largest
 _PART = 0.5  # of the time in which the first joint stops: inputs are held that long
 _RESERVE = 1.1  # of the time in which efforts stop all joints
@@ -131,6 +131,7 @@ class Braking:
         self._reduced, self._limits, self._contacts = reduced, limits, contacts
         self._names, self._dt, self._longest = names, dt, longest
         self._motion = ReducedMotion(reduced.robot)
+        self._budget = min(max(_BUDGET, round(_PACE * dt)), 2 * _DECISIONS)
         self._coarse = _COARSE if limits.spacing == np.inf else 1
         self._late = f"the robot does not come to rest within {longest:g} s"
         self._efforts = np.minimum(reduced.actuation.limits, _INFINITE)
@@ -182,7 +183,7 @@ class Braking:
             eased = under(first + min(max(float(aim @ way) / max(float(way @ way), 1e-300), 0.0), 1.0) * way)
         asked = np.maximum(rows.lower, -rows.upper)[~self._limits.judged_by_rows[rows.places]]
         moved = bool((asked > _BEYOND).any())  # limits ask for motion: an obstacle comes nearer, or one is exceeded
-        budget = 2 * _DECISIONS if kept is None or moved else _BUDGET
+        budget = 2 * _DECISIONS if kept is None or moved else self._budget
         after = self._after(t, eased, before, ground, together, budget)
         if after.problem is None:
             braked = state.braked if eased is planned else state.braked.and_one(t, state.braked.reason)

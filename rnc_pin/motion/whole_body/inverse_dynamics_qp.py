@@ -238,7 +238,8 @@ class InverseDynamicsQP(WholeBodyProgram):
             )
             exceeded, worst_exceeded = chosen.exceeded, np.maximum(worst_exceeded, chosen.exceeded)
             if chosen is not planned:
-                found = found._replace(T=chosen.T, v2=chosen.v2, excess=exceeded)
+                excess = np.where(exceeded > _BEYOND, exceeded, 0.0)
+                found = found._replace(T=chosen.T, v2=chosen.v2, excess=excess)
         x1, x2 = self._desired.at(t)
         # A verdict reads the last state alone, so it has the largest amounts.
         worst = np.maximum(state.worst_excess, found.excess)

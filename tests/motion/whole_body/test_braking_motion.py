@@ -166,3 +166,10 @@ def test_a_plant_that_is_not_the_model_stops_too():
     run = rnc.simulate(reduced, program, np.array([-1.0]), 3.0, dt=dt, plant=lighter)
     assert 0.8 < run.q[:, 0].max() < 1.0 + 1e-3
     assert braking(run) is not None
+
+
+def test_a_robot_that_brakes_often_does_not_alternate():
+    """Braking motions from one sample to the next begin with different inputs; the way back does not follow them."""
+    run, _ = reaching_run(telescopic_arm(), 5, 2.0)
+    assert braking(run).amount > 0.3
+    assert rnc.verdict.FindingKind.REVERSAL not in {each.kind for each in run.verdict.findings}
