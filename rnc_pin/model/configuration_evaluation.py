@@ -4,7 +4,8 @@ With the square stack ``E = [A; J2]`` of constraint rows and reducing outputs,
 
     R = E^-1 [0; I],   H = R^T H* R,   v = R v2 + b,   b = E^-1 [mu; 0].
 
-Paper (2)-(3), (6)-(7). All quantities have leading batch axes.
+Paper (2)-(3), (6)-(7). All quantities have leading batch axes. Where a quantity begins with ``filled``, the kernel is
+asked first. It answers None if there is none, or if it declines one state of the evaluation: then formulas give all.
 """
 
 from __future__ import annotations
@@ -51,9 +52,9 @@ class ConfigurationEvaluation(SummaryMixin):
         t: Component | None = None,
         arrays: ArraysAtQ | None = None,
     ) -> None:
-        self._evaluator, self._data, self.q, self._same, self.t = evaluator, evaluator.data, q, same, t
+        self._evaluator, self._data, self.q, self._same_q, self.t = evaluator, evaluator.data, q, same, t
         # Of the same reduction, arrays and factors are equal; of another one, only the kinematics are.
-        self._equal = same if same is not None and same._evaluator is evaluator else None
+        self._same_reduction = same if same is not None and same._evaluator is evaluator else None
         if arrays is not None:
             self.arrays_at_q = arrays
 
@@ -102,8 +103,8 @@ class ConfigurationEvaluation(SummaryMixin):
     @cached_property
     def position(self) -> PositionKinematics:
         """Kinematics at the configurations."""
-        if self._same is not None:
-            return self._same.position
+        if self._same_q is not None:
+            return self._same_q.position
         # Rows that Python evaluates need the kinematics before the evaluator fills arrays.
         filled: ArraysAtQ = vars(self).get("arrays_at_q", NOTHING_AT_Q)
         return filled.position_of(self._data, self)
@@ -111,9 +112,9 @@ class ConfigurationEvaluation(SummaryMixin):
     @cached_property
     def arrays_at_q(self) -> ArraysAtQ:
         """Arrays that the evaluator has filled for q."""
-        if self._equal is not None:
-            return self._equal.arrays_at_q
-        known = None if self._same is None else self._same.arrays_at_q
+        if self._same_reduction is not None:
+            return self._same_reduction.arrays_at_q
+        known = None if self._same_q is None else self._same_q.arrays_at_q
         return arrays_at_q(self._evaluator.kernel, self, known)
 
     @property
@@ -174,7 +175,9 @@ class ConfigurationEvaluation(SummaryMixin):
         """Matrix E, its inverse and the constraint rows in it."""
         if (filled := self.arrays_at_q.factorization) is not None:
             return filled
-        return factorize(self._data, self.position) if self._equal is None else self._equal.factorization
+        if self._same_reduction is not None:
+            return self._same_reduction.factorization
+        return factorize(self._data, self.position)
 
     @cached_property
     def E(self) -> Float[Array, "*batch nv nv"]:
@@ -212,7 +215,7 @@ class ConfigurationEvaluation(SummaryMixin):
 
     @cached_property
     def R(self) -> Float[Array, "*batch nv r"]:
-        """Null-space basis, ``v = R v2 + b``."""
+        """Null-space basis of A, ``v = R v2 + b``."""
         return self.E_inverse[self._data.basis]
 
     @cached_property

@@ -68,7 +68,8 @@ class _SampledState(StateEvaluation):
     def compiled_kinematics(self) -> Array:
         return self._records[3]
 
-    _same = _equal = property(lambda self: self.configuration)
+    # The configuration of the state has the same q in the same reduction: quantities of q are looked up there.
+    _same_q = _same_reduction = property(lambda self: self.configuration)
 
 
 class Evaluator:

@@ -2,8 +2,10 @@
 
 R is the last r columns of ``E^-1``. A state is singular if E stays singular with the best rows: the outputs do not
 parametrise the motion there. This is no error yet. ``ConfigurationEvaluation.E_inverse`` raises ``SingularityError``
-for whoever needs R. A run on the reduced plant then ends with ``Outcome.SINGULAR``; other loops give a safe command.
-Undefined rows raise the same error at once (``rows.check_defined``). The compiled kernel evaluates regular states only.
+for whoever needs R. A run on a ``ReducedPlant`` of the controller's own model, without faults, then ends with
+``Outcome.SINGULAR``; other loops give a safe command.
+Undefined rows raise the same error at once (``rows.check_defined``). The compiled kernel declines
+singular and doubtful states.
 """
 
 from __future__ import annotations
@@ -49,7 +51,8 @@ def factorize(data: ReductionData, position: PositionKinematics) -> Factorizatio
     # A singular E gives infinities here and no error: the test below decides.
     E_inverse = inverse(E)
     if not batch:
-        # The product of the Frobenius norms bounds the dependence of every row: one cheap test on the hot path.
+        # The product of the Frobenius norms bounds the dependence of every row: one cheap test on the hot path. Below
+        # ``fast_limit`` the default rows are far from dependent, and nothing is asked again.
         rows, columns = E.ravel("K"), E_inverse.ravel("K")
         if (float(rows.dot(rows)) + data.fast_length) * float(columns.dot(columns)) < data.fast_limit:
             return Factorization(E, E_inverse, True)

@@ -1,7 +1,7 @@
 """Arrays that the compiled kernel fills for evaluations at configurations and at states.
 
 ``ConfigurationEvaluation`` and ``StateEvaluation`` hold each formula once. Each begins with the array below of the same
-name. The array is None without a kernel, and at states that the kernel declines: then the formula decides.
+name. The array is None without a kernel, and if it declines one of the states: then the formula gives all of them.
 """
 
 from __future__ import annotations

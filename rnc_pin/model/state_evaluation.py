@@ -426,7 +426,8 @@ class StateEvaluation(ConfigurationEvaluation):
         Args:
             force: generalized forces (..., nv) in addition to passive ones [N or N m].
         """
-        # The kernel counts passive forces as inputs; the formula has them in ``unforced``.
+        # The kernel adds ``motion_force`` to these forces, so that passive ones count as inputs; the formula below adds
+        # ``unforced``, which has both. The sum is the same.
         acting = force + self.passive_force if self._data.forces else force
         if (filled := self.arrays_at_v.accelerated(acting)) is not None:
             return filled

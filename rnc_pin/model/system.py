@@ -1,7 +1,8 @@
 """Nonholonomic mechanical system: robot, constraints and actuators. Paper (1).
 
 A system decides once which constraint rows are kept, by ``independence.select_independent`` at sampled configurations.
-At a state where the kept rows become dependent, ``factorization`` selects others for this state.
+Where a row of E depends on the others by more than ``ReductionData.fast_limit``, ``factorization`` looks at one state
+again. The reduced plant chooses again for each new chart of its motion (``VelocityChart``).
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class Checkpoint(NamedTuple):
-    """State of a ``ReducedPlant``."""
+    """State of a ``ReducedPlant``; y is what its integrator holds beside q, see ``ConstrainedDynamics``."""
 
     q: np.ndarray
     y: np.ndarray
@@ -187,7 +187,7 @@ class ReducedPlant(ReprMixin):
         self._q, self._y, self._state, self.applied, self.dynamics.chart, self.errors = checkpoint
 
     def apply(self, T: np.ndarray) -> None:
-        """Hold the inputs T (p,), clipped to the actuator limits; ``applied`` has the result.
+        """Hold the inputs T (p,), clipped if the plant has ``actuator_limits``; ``applied`` has the result.
 
         Args:
             T: actuator inputs [N or N m].

@@ -61,7 +61,7 @@ def judge(
         grip: stated friction of the ground, for the forces that the constraints of the run need.
         reduced: model of the run. Without it, steered wheels and lift-off inside samples are not judged.
         more: findings that others made, such as a plan that is not verified.
-        accepted: kinds of findings that the user accepts.
+        accepted: kinds of findings that the user accepts; they degrade where they would fail.
 
     Raises:
         ConfigurationError: there is no such kind of finding.
@@ -108,7 +108,7 @@ def _end(run: RunData) -> Iterator[Finding]:
     """Finding of a run that did not reach its end."""
     if run.outcome is Outcome.COMPLETED:
         return
-    time = float(run.time[-1]) if len(run.time) else 0.0
+    time = float(run.time[-1]) if len(run.time) else 0.0  # the last sample; a message has the time of its error
     kind = FindingKind.SINGULAR if run.outcome is Outcome.SINGULAR else FindingKind.ENDED_EARLY
     message = run.info.message or f"{run.outcome} at t = {time:.3f} s"
     yield Finding(kind, str(run.outcome), time, "s", time, Severity.FAILS, message)
@@ -148,6 +148,7 @@ def _integration(run: RunData) -> Iterator[Finding]:
         f"the integration adds an error of up to {found.rate:.2g} per second [m, rad, m/s or rad/s], allowed is "
         f"{found.tolerance:g}: {found.remedy}"
     )
+    # The plant chose the number and could do no more: a note. A number that the user fixed can be mended.
     severity = Severity.NOTE if found.enough == found.substeps else Severity.DEGRADES
     yield Finding(FindingKind.INTEGRATION, "plant", found.rate, "1/s", None, severity, message)
 

@@ -159,7 +159,7 @@ class PlantAdapter:
         return self.reported
 
     def read_state(self, t: float) -> StateEvaluation:
-        """Read the sensors at time t [s] and return the true state. Call it once per sample.
+        """Read the sensors at time t [s] and return the true state: at the start of a run, then once per sample.
 
         Args:
             t: time of rheonomic constraints [s].
@@ -295,7 +295,8 @@ class SampledRun:
         # A loop that has only given safe commands has no integrals yet: they are zero at the start.
         integrals = loop.state.integrals if loop.state.integrals is not None else self._zeros
         measurement, command = _last_decision(loop, state)
-        outputs = (measurement.x1, measurement.x2) if measurement.q is state.q else None  # not of a sensor's state
+        # Outputs are recorded of the true state. Integrals of quasi-velocities are the loop's, of measured velocities.
+        outputs = (measurement.x1, measurement.x2) if measurement.q is state.q else None
         self.record.add(t, state, integrals, command, T, adapter.reported, outputs, adapter.measured[1])
         self.samples += 1
         found = Sample(t, measurement, command, T, loop.state.controller)

@@ -221,7 +221,7 @@ class ControlLoop(ReprMixin):
                 f"the smallest singular value of E is {smallest:.3g}, below the limit {least:g}",
                 q=np.array(state.q),
                 condition=float(state.condition),
-                rows=self.reduced.reducing.names,
+                rows=state.dependent_rows(),
                 time=t,
             )
         self.active_component = "the controller"
