@@ -14,7 +14,7 @@ from bodies import add_body
 from rnc_pin.analysis.equilibrium import _Search, find_symmetries
 from rnc_pin.model.user_functions import gradient
 from systems import ALL, floating_robot, four_bar, in_joints
-from textbook_systems import RESTING, G
+from textbook_systems import G
 
 
 def check(reduced, found):
@@ -168,49 +168,22 @@ def test_a_step_towards_an_equilibrium_is_that_of_newton(make):
     np.testing.assert_allclose(basis.T @ step, 0, atol=1e-9)  # no longer than it has to be
 
 
-def test_what_rests_to_a_part_in_ten_to_the_ten_is_left_and_of_a_billionth_accepted_where_nothing_can_move():
-    reduced = textbook.sideways_pendulum()
-    near, far = (np.array([share * textbook.angle_of(1e-10 * RESTING)]) for share in (0.97, 1.03))
-    np.testing.assert_array_equal(rnc.equilibrium(reduced, near).q, near)
-    found = rnc.equilibrium(reduced, far)
-    assert abs(found.q[0]) < 1e-3 * far[0]
-    assert found.residual < 1e-3 * 0.35 * 1e-10 * RESTING
-    near, far = (np.array([share * textbook.angle_of(1e-9 * RESTING)]) for share in (0.97, 1.03))
-    np.testing.assert_array_equal(rnc.equilibrium(reduced, near, ["hinge_0"]).q, near)
-    with pytest.raises(rnc.ConstraintError, match=r"rate of 'hinge_0' changes by -1\.13e-09 a second$"):
-        rnc.equilibrium(reduced, far, ["hinge_0"])
-
-
 def test_a_hinge_that_turns_under_gravity_is_no_steady_motion():
-    with pytest.raises(rnc.ConstraintError) as told:
-        rnc.equilibrium(textbook.sideways_pendulum(), [0.0], v2=[textbook.SPEED])
     words = "no steady motion found near the guess: at best the shape variable 'hinge_0' moves by 0.7 a second"
-    assert str(told.value) == words
+    with pytest.raises(rnc.ConstraintError, match=f"^{words}$"):
+        rnc.equilibrium(textbook.sideways_pendulum(), [0.0], v2=[0.7])
 
 
-@pytest.mark.parametrize(("gap", "closed"), [(0.97e-9, True), (1.03e-9, False), (2e-3, False)])
-def test_a_loop_that_a_motor_holds_has_to_be_closed(gap, closed):
+def test_a_loop_that_a_motor_holds_has_to_be_closed():
     reduced = four_bar()
     robot = reduced.robot
     q = reduced.assembled(robot.configuration({"crank": 1.0, "coupler": -0.4, "rocker": 1.5}), hold=["crank"])
-    data, step = robot.model.createData(), 1e-6
-
-    def ends(rocker):
-        p = np.array([q[0], q[1], q[2] + rocker])
-        pin.framesForwardKinematics(robot.model, data, p)
-        first, second = (data.oMf[robot.frame_id(name)] for name in ("coupler_tip", "rocker_tip"))
-        return p, np.abs(first.rotation.T @ (second.translation - first.translation)).max()
-
-    open_q, found = ends(gap * step / ends(step)[1])
-    if gap < 1e-6:
-        assert found == pytest.approx(gap, rel=1e-3)
-    if closed:
-        np.testing.assert_array_equal(rnc.equilibrium(reduced, open_q, robot.joint_names).q, open_q)
-        return
-    with pytest.raises(rnc.ConstraintError) as told:
-        rnc.equilibrium(reduced, open_q, robot.joint_names)
-    assert "closure_" in str(told.value)
-    assert str(told.value).endswith(f"(coupler_tip, rocker_tip) is left {found:.3g} from zero")
+    np.testing.assert_array_equal(rnc.equilibrium(reduced, q, robot.joint_names).q, q)
+    gap = np.abs(reduced.assembly.residual(q + [0.0, 0.0, 2e-3])).max()
+    with pytest.raises(
+        rnc.ConstraintError, match=rf"closure_.*\(coupler_tip, rocker_tip\) is left {gap:.3g} from zero"
+    ):
+        rnc.equilibrium(reduced, q + [0.0, 0.0, 2e-3], robot.joint_names)
 
 
 @pytest.mark.parametrize(("gear", "holds"), [(1e-8, True), (1e-12, False)])

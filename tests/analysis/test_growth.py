@@ -66,14 +66,6 @@ def test_a_joint_whose_bracket_is_not_known_is_named():
     assert frame_bracket(model)(np.ones(1), np.ones(1)).tolist() == [0.0]
 
 
-@pytest.mark.parametrize(("weak", "expected"), [(0.97e-5, (2,)), (1.03e-5, (2, 3))])
-def test_a_first_bracket_has_to_be_a_part_in_a_hundred_thousand(weak, expected):
-    reduced = sliders_with_rows(lambda q: [[0.0, weak * q[0]]], lambda q, v: [[0.0, weak * v[0]]])
-    found = grow(reduced, np.zeros(3))
-    assert found.vector == growth_vector(reduced, np.zeros(3)) == expected
-    assert found.closure.shape == (3, expected[-1])
-
-
 @pytest.mark.parametrize(("apart", "expected"), [(0.97e-5, (3, 4)), (1.03e-5, (3, 5)), (0.3, (3, 5))])
 @pytest.mark.parametrize("weak", [1e-3, 1.0])
 def test_first_brackets_are_judged_by_their_directions(weak, apart, expected):

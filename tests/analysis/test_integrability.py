@@ -9,44 +9,10 @@ from systems import free_flying_panda, leaning_wheel, random_states
 from textbook_systems import rail_sliders
 
 
-def contact_rows(*parts):
-    """Rows ``(b + slope x) beta + w dw`` in (x, y, z, w) with a contact form beta, by (b, slope, w).
-
-    Beta is the differential of nothing, each dw is one.
-    """
-    count = len(parts[0][2])
-
-    def beta(q):
-        return np.array([-q[1], q[0], 1.0, *[0.0] * count])
-
-    def beta_dot(v):
-        return np.array([-v[1], v[0], 0.0, *[0.0] * count])
-
-    def rows(q):
-        return np.stack([(b + slope * q[0]) * beta(q) + np.array([0.0, 0.0, 0.0, *w]) for b, slope, w in parts])
-
-    def rows_dot(q, v):
-        return np.stack([(b + slope * q[0]) * beta_dot(v) + slope * v[0] * beta(q) for b, slope, _ in parts])
-
-    names = [f"a{k}" for k in range(1, len(parts) + 1)]
-    system = rnc.NonholonomicSystem(rail_sliders(3 + count), [rnc.Pfaffian(rows, rows_dot, names)])
-    return system.reduce([rnc.JointPosition("s0"), rnc.JointPosition("s1")])
-
-
 def places(*x, size):
     found = np.random.default_rng(0).normal(size=(len(x), size))
     found[:, 0] = x
     return found
-
-
-@pytest.mark.parametrize("share", [0.97, 1.03])
-def test_a_row_is_integrable_to_a_part_in_a_hundred_thousand(share):
-    """``a1 = dw + 1e-5 beta``, of unit length."""
-    weak = share * 1e-5
-    reduced = contact_rows((7 * weak / np.sqrt(1.09), 0.0, [7.0]), (-2.0, 0.0, [0.0]))
-    found = integrability(reduced, np.array([[0.3, 0.0, 0.5, -0.2]]))  # beta has the length of sqrt(1.09) here
-    expected = (("a1",), ("a2",)) if share < 1 else ((), ("a1", "a2"))
-    assert (found.integrable, found.nonholonomic) == expected
 
 
 @pytest.mark.parametrize("count", [2, 3])

@@ -98,55 +98,6 @@ test_costs_that_are_none_are_refused = refused([
 ], lambda costs: rnc.lqr(linear([[0.0, 1.0], [0.0, 0.0]], [[0.0], [1.0]]), *costs), rnc.ConfigurationError)  # fmt: skip
 
 
-@pytest.mark.parametrize("fast", [0.3, 3.0])
-def test_what_fades_need_not_be_reached_and_what_grows_slowly_has_to_cost_something(fast):
-    limit = 1e-5 * max(1.0, fast)
-    B, identity = [[0.0], [1.0]], np.eye(2)
-    assert told(linear(np.diag([-0.97 * limit, -fast]), B), 1.0) == NOT_REACHED + "x0"
-    K = rnc.lqr(linear(np.diag([-1.03 * limit, -fast]), B), 1.0)
-    np.testing.assert_allclose(K, [[0.0, np.sqrt(fast**2 + 1.0) - fast]], atol=1e-9)
-    assert told(linear(np.diag([0.97 * limit, -fast]), identity), [0.0, 1.0]) == COSTS_NOTHING + "x0"
-    K = rnc.lqr(linear(np.diag([1.03 * limit, -fast]), identity), [0.0, 1.0])
-    np.testing.assert_allclose(K[0], [2 * 1.03 * limit, 0.0], rtol=1e-3, atol=1e-9)
-
-
-@pytest.mark.parametrize(("size", "unit"), [(1.0, 1.0), (1.0, 1e5), (40.0, 1.0)])
-def test_inputs_reach_a_mode_to_a_part_in_a_million(size, unit):
-    """``x0' = b u``, ``x1' = size (-x1 + u)``: of ``[[0, b], [-1, 1]]`` the singular values have the product b."""
-
-    def system(b):
-        return linear(size * np.diag([0.0, -1.0]), unit * np.array([[b], [1.0]]))
-
-    limit = np.sqrt(2) * 1e-6
-    assert told(system(0.97 * limit), 1.0) == NOT_REACHED + "x0"
-    K = rnc.lqr(system(1.03 * limit), 1.0, unit**2)
-    assert np.linalg.eigvals(system(1.03 * limit).A - system(1.03 * limit).B @ K).real.max() < 0
-
-
-@pytest.mark.parametrize("unit", [1.0, 1e-4, 1e6])
-def test_a_mode_costs_nothing_below_a_part_in_a_million(unit):
-    system = linear(np.diag([0.0, -1.0]), np.eye(2))
-    assert told(system, unit * np.diag([0.97e-6, 1.0]), unit) == COSTS_NOTHING + "x0"
-    K = rnc.lqr(system, unit * np.diag([1.03e-6, 1.0]), unit)
-    np.testing.assert_allclose(K, np.diag([np.sqrt(1.03e-6), np.sqrt(2.0) - 1.0]), rtol=1e-5, atol=1e-9)
-
-
-@pytest.mark.parametrize(("part", "names"), [(0.097, "x0"), (0.103, "x0, x1")])
-def test_states_that_a_mode_hardly_moves_are_not_named(part, names):
-    assert told(linear(np.zeros((2, 2)), [[part], [-1.0]]), 1.0) == NOT_REACHED + names
-    cost = np.array([[part**2, -part], [-part, 1.0]])
-    assert told(linear(np.zeros((2, 2)), np.eye(2)), cost) == COSTS_NOTHING + names
-
-
-@pytest.mark.parametrize("unit", [1.0, 1e-14])
-def test_a_weight_is_negative_beyond_rounding(unit):
-    system = linear([[0.0, 1.0], [0.0, 0.0]], [[0.0], [1.0]])
-    with pytest.raises(rnc.ConfigurationError, match="state_cost: no weight may be negative"):
-        rnc.lqr(system, unit * np.array([3.0, -1.03 * 3e-12]), unit)
-    K = rnc.lqr(system, unit * np.array([3.0, -0.97 * 3e-12]), unit)
-    np.testing.assert_allclose(K, [[np.sqrt(3.0), np.sqrt(2 * np.sqrt(3.0))]], rtol=1e-6)
-
-
 def test_default_coordinates_leave_out_what_rows_hold():
     """A welded joint, and two joints that move by equal amounts: what is left is regulated."""
     robot = rnc.Robot.from_urdf("space_robot.urdf")

@@ -102,21 +102,11 @@ def hanging(names):
     return rnc.Robot(model)
 
 
-WEAK, SPEED = 0.1, 0.7  # gravity [m/s^2], rate [rad/s]
-RESTING = 1.0 + WEAK  # accelerations are compared with this
-SIZE = RESTING + SPEED**2  # and of what moves with this
-
-
 def sideways_pendulum():
     """Gravity of 0.1, of which 0.08 pull it down and 0.06 go along its axis."""
     reduced = hanging_chain([], 1)
     reduced.robot.model.gravity.linear = np.array([0.0, 0.06, -0.08])
     return reduced
-
-
-def angle_of(acceleration):
-    """Small angles accelerate at ``0.5 * 0.08 / (0.1 + 0.5**2)`` of themselves."""
-    return acceleration * 0.35 / (0.5 * 0.08)
 
 
 def acrobot(actuators=("elbow",)):

@@ -268,16 +268,3 @@ def test_an_equality_of_coupled_joints_satisfies_the_conditions_of_optimality():
         shared = slope[~at_limit].mean()
         np.testing.assert_allclose(slope[~at_limit], shared, atol=1e-8)
         assert ((slope - shared)[at_limit] * np.sign(found.q[at_limit]) > 0).all()
-
-
-def test_eight_stalled_steps_in_a_row_end_a_descent():
-    """A goal that steps of at most a metre reach slowly; a step stalls if it leaves most of the squared error."""
-    bounds = TangentBounds(slides([pin.JointModelPX()]), -np.full(1, np.inf), np.full(1, np.inf), np.zeros(1, bool))
-    far = lambda q: Residuals(100.0 - q, np.eye(1), np.zeros(0), np.zeros((0, 1)))  # noqa: E731
-    slow = descend(far, bounds, np.zeros(1), progress=0.999)
-    assert slow.steps == 8
-    assert 0 < slow.q[0] < 8.0
-    assert descend(far, bounds, np.full(1, 100.0)).steps == 0  # it begins at its goal
-    whole = descend(far, bounds, np.zeros(1))
-    assert whole.error < 1e-12
-    assert 100 <= whole.steps < 120

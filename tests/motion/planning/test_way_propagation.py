@@ -83,39 +83,3 @@ def test_a_motion_that_meets_the_goal_is_taken_if_it_is_free(free):
     nodes = np.concatenate([q[:1], search._flow.along(q[:1], inputs, counts)[0][-1:]])
     search._goal, search._checker = nodes[1], SimpleNamespace(is_free=lambda motion: free)
     assert (search._refined(nodes, inputs, None, counts) is not None) == free
-
-
-def test_a_motion_is_shortened_as_long_as_that_saves_a_hundredth(monkeypatch):
-    """Else by a half as much, down to a twentieth; what was found last is driven."""
-    search, _ = search_of(2)
-    search._nodes, search._inputs, tried = None, None, []
-    offers = [SimpleNamespace(steps=np.full((1, 5), time)) if time else None for time in (3, 2, 1.99, 0, 1.9, 1.9, 1.9)]
-    monkeypatch.setattr(search, "_exact", lambda nodes, inputs, share: tried.append(share) or offers[len(tried)])
-    assert search.shortened(offers[0], 9) is offers[4]
-    assert tried == [0.4, 0.4, 0.2, 0.1, 0.1, 0.05]
-
-
-def test_random_motions_are_as_long_as_a_tenth_of_a_metre_to_a_metre():
-    """Half of them move one coordinate at a time; the largest velocity of a joint counts."""
-    search, q = search_of(2)
-    drawn = np.array([search._drawn(q[0], np.random.default_rng(k)) for k in range(40)])
-    sizes = np.abs(drawn @ search._flow.reduced.at(q[0]).R.T).max(axis=3)
-    assert (0.1 <= sizes.min() < 0.11, 0.99 < sizes.max() <= 1.0) == (True, True)
-    assert (np.count_nonzero(drawn, axis=3) == np.repeat([1, 2], 12)[:, None]).all()
-    assert {tuple(each) for each in np.sign(drawn[:, :12]).reshape(-1, 2)} == {(1, 0), (-1, 0), (0, 1), (0, -1)}
-
-
-def test_distances_count_a_radian_of_a_joint_as_half_a_metre():
-    """The base counts a radian as a metre; targets and motions are within the limits of 1.2 and 1.57 rad."""
-    search, (start, _) = search_of(2)
-    steps = 0.1 * np.array([[3, 4, 0, 0, 0], [0, 0, 2, 0, 0], [0, 0, 0, 6, 8]])
-    q = search._flow.manifold.integrate(np.tile(start, (3, 1)), steps)
-    np.testing.assert_allclose(search._distances(q, start), [0.5, 0.2, 0.5])
-    search._goals = q[[0, 1, 0]]
-    for away, nearest in ((0.8, 0.4), (0.9, 0.4), (0.4, 0.2)):
-        search._note(search._flow.manifold.integrate(q[1:2], away * np.eye(5)[4:])[0])
-        assert search.nearest.distance == pytest.approx(nearest)
-    np.testing.assert_array_equal(search._box[:, [0, 1, 4, 5]], [[-9, -9, -1.2, -1.57], [9, 9, 1.2, 1.57]])
-    motions = np.tile(start, (5, 2, 1))
-    motions[:, 1, 4:] = [[1.2, -1.57], [-1.2, 1.57], [1.21, 0.0], [-1.21, 0.0], [0.0, 1.58]]
-    assert search._within(motions).tolist() == [True, True, False, False, False]
