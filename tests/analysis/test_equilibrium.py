@@ -179,11 +179,12 @@ def test_a_loop_that_a_motor_holds_has_to_be_closed():
     robot = reduced.robot
     q = reduced.assembled(robot.configuration({"crank": 1.0, "coupler": -0.4, "rocker": 1.5}), hold=["crank"])
     np.testing.assert_array_equal(rnc.equilibrium(reduced, q, robot.joint_names).q, q)
-    gap = np.abs(reduced.assembly.residual(q + [0.0, 0.0, 2e-3])).max()
+    apart = q + np.array([0.0, 0.0, 2e-3])
+    gap = np.abs(reduced.assembly.residual(apart)).max()
     with pytest.raises(
         rnc.ConstraintError, match=rf"closure_.*\(coupler_tip, rocker_tip\) is left {gap:.3g} from zero"
     ):
-        rnc.equilibrium(reduced, q + [0.0, 0.0, 2e-3], robot.joint_names)
+        rnc.equilibrium(reduced, apart, robot.joint_names)
 
 
 @pytest.mark.parametrize(("gear", "holds"), [(1e-8, True), (1e-12, False)])

@@ -1,14 +1,12 @@
 """Trees of propagated motions and the equations of Newton's method, beside dense ones."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 import scipy
 
 from benchmarks.planned_models import tractor
 from rnc_pin.motion.planning.action_models import KinematicFlow
-from rnc_pin.motion.planning.way_propagation import _NEAR, PropagatedSearch, _Tree
+from rnc_pin.motion.planning.way_propagation import PropagatedSearch
 from rnc_pin.motion.planning.way_search import SearchBudget
 
 
@@ -45,41 +43,3 @@ def test_a_change_is_the_least_one_that_meets_the_nodes(loose, open_directions):
     moved = search._flow.manifold.difference(nodes, places)
     expected = [np.zeros(5), *(least[6:16].reshape(2, 5) * np.sqrt(loose)), closed @ least[16:]]
     np.testing.assert_allclose(moved, expected, atol=1e-9)
-
-
-def test_two_trees_that_meet_are_one_path_from_the_start_to_the_goal(monkeypatch):
-    """Numbers in place of configurations, and tenths as inputs: the tree of the goal is driven backwards."""
-    search, _ = search_of(2)
-    trees = [_Tree(np.array([[0.0]])), _Tree(np.array([[70.0], [90.0]]))]
-    grown = (0, 0, (0, 1, 2)), (0, 1, (2, 3, 4)), (1, 1, (90, 8, 7)), (0, 0, (0, 50)), (1, 2, (7, 6, 5))
-    for tree, parent, way in grown:
-        trees[tree].add(np.array(way, dtype=float)[:, None], parent, np.array(way[-2:], dtype=float)[:, None] / 10)
-    search._goals, search._reachable = np.array([[70.0], [90.0]]), [np.eye(2), np.eye(1)]
-    monkeypatch.setattr(search, "_exact", lambda nodes, inputs: (nodes.ravel(), inputs.ravel()))
-    nodes, inputs = search._joined(trees, (2, 3))
-    np.testing.assert_array_equal(nodes, [0, 1, 2, 3, 4, 6, 7, 8, 90])
-    np.testing.assert_allclose(inputs, [0.1, 0.2, 0.3, 0.4, -0.5, -0.6, -0.7, -0.8])
-    assert (search._goal, search._open.shape) == (90.0, (1, 1))
-    assert search._joined(trees, (0, 1)) is None
-
-
-def test_places_of_both_trees_that_are_near_each_other_are_joined(monkeypatch):
-    search, _ = search_of(2)
-    met = []
-
-    def joined(trees, places):
-        met.append(search._distances(trees[0].q[places[0]][None], trees[1].q[places[1]])[0])
-        return "found" if len(met) == 20 else None
-
-    monkeypatch.setattr(search, "_joined", joined)
-    assert search.run([], 0, seed=1) == "found"
-    assert max(met) < _NEAR
-
-
-@pytest.mark.parametrize("free", [True, False])
-def test_a_motion_that_meets_the_goal_is_taken_if_it_is_free(free):
-    search, q = search_of(2)
-    inputs, counts = np.array([[0.1, 0.05]]), np.array([5])
-    nodes = np.concatenate([q[:1], search._flow.along(q[:1], inputs, counts)[0][-1:]])
-    search._goal, search._checker = nodes[1], SimpleNamespace(is_free=lambda motion: free)
-    assert (search._refined(nodes, inputs, None, counts) is not None) == free
