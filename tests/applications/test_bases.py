@@ -90,8 +90,7 @@ def through_a_door(scenario):
     """Run along a way through a door of 1 m."""
     reduced, goal = scenario.reduced, {rnc.FramePosition("base", "xy"): [4.0, 0.3], rnc.FrameYaw("base"): 0.0}
     way = rnc.planning.find_way(reduced, scenario.experiment.q0, goal, DOOR)
-    follower = rnc.optimal.WayFollower(reduced, way)
-    run = with_servos(scenario, follower, 2.0 * way.duration + 8.0)
+    run = with_servos(scenario, rnc.optimal.WayFollower(reduced, way), 2.0 * way.duration + 8.0)
     assert not distance_findings(replay_limits(reduced.robot, run, DOOR))
     return run
 

@@ -220,8 +220,7 @@ def test_joints_that_are_not_added_branch_by_branch_are_refused():
             model.appendBodyToJoint(places[name], pin.Inertia.FromSphere(1.0, 0.2), pin.SE3(np.eye(3), np.ones(3)))
         return rnc.Robot(model)
 
-    good = robot([("left", ""), ("hand", "left"), ("right", "")])
-    assert good.nv == 3
+    assert robot([("left", ""), ("hand", "left"), ("right", "")]).nv == 3
     with pytest.raises(rnc.ModelError, match=r"'right' was added between 'left' and 'hand'.*branch by branch"):
         robot([("left", ""), ("right", ""), ("hand", "left")])
 
@@ -329,8 +328,7 @@ def test_an_inertia_takes_the_place_of_a_links_own():
 
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, q, v)
-    motion = frame.placement.actInv(data.v[frame.parentJoint])
-    own = 0.5 * inertia.vtiv(motion)
+    own = 0.5 * inertia.vtiv(frame.placement.actInv(data.v[frame.parentJoint]))
     light = robot.with_masses({"panda_hand": 1e-9})
     assert energy(changed) - energy(light) == pytest.approx(own, abs=1e-8)
 

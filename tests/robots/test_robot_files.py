@@ -61,14 +61,12 @@ def test_a_urdf_names_no_file_elsewhere(name, tag, tree):
     path = write(tree / "robot/r.urdf", urdf(name.format(tree=tree), tag))
     with pytest.raises(rnc.ModelError, match=REFUSED):
         rnc.Robot.from_urdf(path)
-    robot = rnc.Robot.from_urdf(path, package_dirs=[tree / "private"])
-    assert tag == "texture" or vertices(robot) == 4
+    assert tag == "texture" or vertices(rnc.Robot.from_urdf(path, package_dirs=[tree / "private"])) == 4
 
 
 @pytest.mark.parametrize("name", ["own.obj", "file://own.obj", "{tree}/robot/own.obj", "package://robot/own.obj"])
 def test_a_urdf_names_its_own_files(name, tree):
-    path = write(tree / "robot/r.urdf", urdf(name.format(tree=tree)))
-    assert vertices(rnc.Robot.from_urdf(path)) == 4
+    assert vertices(rnc.Robot.from_urdf(write(tree / "robot/r.urdf", urdf(name.format(tree=tree))))) == 4
 
 
 def test_a_mesh_is_not_taken_from_the_working_directory(tree, monkeypatch):
@@ -94,8 +92,7 @@ def test_the_package_of_a_description_is_its_own(tmp_path):
     package(tmp_path / "checkout", "robot")
     write(tmp_path / "checkout/any/where/m.obj", TETRAHEDRON)
     for k, name in enumerate(("../../any/where/m.obj", "package://robot/any/where/m.obj")):
-        path = write(tmp_path / f"checkout/urdf/arms/r{k}.urdf", urdf(name))
-        assert vertices(rnc.Robot.from_urdf(path)) == 4
+        assert vertices(rnc.Robot.from_urdf(write(tmp_path / f"checkout/urdf/arms/r{k}.urdf", urdf(name)))) == 4
 
 
 def test_a_package_beside_may_not_be_a_link_to_one_elsewhere(tmp_path):
@@ -191,8 +188,7 @@ def test_an_mjcf_names_no_file_elsewhere(head, tree):
 ])  # fmt: skip
 def test_an_mjcf_names_its_own_files(head, tree):
     write(tree / "meshes/m.obj", TETRAHEDRON)
-    path = write(tree / "robot/r.xml", MJCF.format(head=head.format(tree=tree)))
-    assert vertices(rnc.Robot.from_mjcf(path)) == 4
+    assert vertices(rnc.Robot.from_mjcf(write(tree / "robot/r.xml", MJCF.format(head=head.format(tree=tree))))) == 4
 
 
 @pytest.mark.parametrize(("head", "words"), [
@@ -240,8 +236,7 @@ def test_a_package_is_a_folder_with_a_manifest_that_can_be_read(kind, tmp_path):
 def test_a_pipe_in_the_place_of_a_manifest_is_not_waited_for(tree):
     os.mkfifo(tree / "package.xml")
     os.mkfifo(tree / "robot/package.xml")
-    path = write(tree / "robot/r.urdf", urdf("package://robot/own.obj"))
-    assert vertices(rnc.Robot.from_urdf(path)) == 4
+    assert vertices(rnc.Robot.from_urdf(write(tree / "robot/r.urdf", urdf("package://robot/own.obj")))) == 4
 
 
 def test_the_nearest_allowed_file_of_a_package_is_taken(tmp_path):
@@ -250,8 +245,7 @@ def test_the_nearest_allowed_file_of_a_package_is_taken(tmp_path):
     write(tmp_path / "ws/parts/m.obj", TETRAHEDRON)
     package(tmp_path / "ws/parts", "parts")
     write(tmp_path / "ws/robot/parts/other.obj", TETRAHEDRON)
-    found = Packages(tmp_path / "ws/robot").file("package://parts/m.obj")
-    assert found == tmp_path / "ws/parts/m.obj"
+    assert Packages(tmp_path / "ws/robot").file("package://parts/m.obj") == tmp_path / "ws/parts/m.obj"
 
 
 def test_rings_of_links_and_impossible_names_are_in_no_folder(tmp_path):

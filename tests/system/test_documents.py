@@ -51,8 +51,7 @@ def test_python_blocks_run(page, half_a_second, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     text, names = page.read_text(), {"__name__": "__main__"}
     for block in BLOCK.finditer(text):
-        lines_before = text.count("\n", 0, block.start(1))
-        exec(compile("\n" * lines_before + block[1], str(page), "exec"), names)
+        exec(compile("\n" * text.count("\n", 0, block.start(1)) + block[1], str(page), "exec"), names)
 
 
 def test_every_python_block_is_found():
@@ -63,8 +62,7 @@ def test_every_python_block_is_found():
 
 
 def test_first_scenario_of_the_page_is_complete():
-    text = (ROOT / "docs" / "scenarios.md").read_text()
-    first = re.findall(r"```yaml\n(.*?)```", text, flags=re.DOTALL)[0]
+    first = re.findall(r"```yaml\n(.*?)```", (ROOT / "docs" / "scenarios.md").read_text(), flags=re.DOTALL)[0]
     assert validate(yaml.safe_load(first), "scenarios.md").simulation is not None
 
 

@@ -13,8 +13,7 @@ QUICK = {"space-robot": {"simulation.dt": 0.005}, "space-robot-uncertain": {**CO
 
 
 def rows_of(scenario, options, runs):
-    draws = draws_of(scenario, options)
-    source = ScenarioRuns(scenario, options, draws)
+    source = ScenarioRuns(scenario, options, draws_of(scenario, options))
     return [source.row(run) for run in runs]
 
 

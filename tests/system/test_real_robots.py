@@ -26,8 +26,7 @@ def run_of(call, name, folder, *options):
         arguments += ["--set", option]
     status, _, complaint = call(*arguments)
     assert status == 0, complaint
-    summary = json.loads((folder / "summary.json").read_text())
-    return summary, rnc.Trajectory.load(folder / "trajectory.npz")
+    return json.loads((folder / "summary.json").read_text()), rnc.Trajectory.load(folder / "trajectory.npz")
 
 
 def hand_error(trajectory, kind, columns):
@@ -45,8 +44,7 @@ def test_tiago_keeps_its_hand_on_the_path_and_its_wheels_on_the_ground(call, nam
     summary, run = run_of(call, name, folder / name, *options)
     assert summary["outcome"] == "completed"
     assert hand_error(run, kind, slice(3)) < 0.01
-    lock = run.meta["config"]["robot"]["lock"]
-    robot = rnc.Robot.from_example("tiago_no_hand", base="planar", lock=lock)
+    robot = rnc.Robot.from_example("tiago_no_hand", base="planar", lock=run.meta["config"]["robot"]["lock"])
     model, data = robot.model, robot.model.createData()
     moved = np.abs(run.v[:, :3]).max()
     assert moved > 0.05
@@ -54,8 +52,7 @@ def test_tiago_keeps_its_hand_on_the_path_and_its_wheels_on_the_ground(call, nam
         pin.forwardKinematics(model, data, q, v)
         for wheel in ("wheel_left_link", "wheel_right_link"):
             center = pin.getFrameVelocity(model, data, robot.frame_id(wheel), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
-            slip = center.linear + np.cross(center.angular, [0.0, 0.0, -RADIUS])
-            assert np.abs(slip).max() < 1e-9
+            assert np.abs(center.linear + np.cross(center.angular, [0.0, 0.0, -RADIUS])).max() < 1e-9
     # What two wheels on one axle roll off differs by the turn: an integral of the slip over the whole run.
     left, right = (model.joints[robot.joint_id(f"wheel_{side}_joint")] for side in ("left", "right"))
     rolled = [np.unwrap(np.arctan2(run.q[:, j.idx_q + 1], run.q[:, j.idx_q])) if j.nq == 2 else run.q[:, j.idx_q]
@@ -84,8 +81,7 @@ def test_a_mounted_robot_moves_as_it_does_alone():
     data, alone = both.model.createData(), arm.model.createData()
     pin.framesForwardKinematics(both.model, data, np.r_[base, q])
     pin.framesForwardKinematics(arm.model, alone, q)
-    mount = data.oMf[both.frame_id("mount")]
-    expected = mount * place * alone.oMf[arm.frame_id("panda_hand")]
+    expected = data.oMf[both.frame_id("mount")] * place * alone.oMf[arm.frame_id("panda_hand")]
     assert expected.isApprox(data.oMf[both.frame_id("panda_hand")], ROUNDING)
     shapes = len(satellite.visual_model.geometryObjects) + len(arm.visual_model.geometryObjects)
     assert len(both.visual_model.geometryObjects) == shapes

@@ -138,8 +138,7 @@ def steered(robot, curvature, place=(0.4, -0.3, 0.8)):
 
 
 def close(actual, expected, tolerance):
-    scale = max(1.0, np.abs(expected).max())
-    np.testing.assert_allclose(actual, expected, rtol=0, atol=tolerance * scale)
+    np.testing.assert_allclose(actual, expected, rtol=0, atol=tolerance * max(1.0, np.abs(expected).max()))
 
 
 @pytest.mark.parametrize("order", list(permutations(["fl", "fr", "bl", "br"]))[::5], ids="-".join)

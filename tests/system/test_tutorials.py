@@ -43,8 +43,7 @@ TOUR = ROOT / "examples" / "tour.ipynb"
 def outputs(folder):
     notebook = nbformat.read(TOUR, as_version=4)
     assert all(not cell.get("outputs") for cell in notebook.cells), "the notebook is kept without outputs"
-    client = NotebookClient(notebook, timeout=1200, resources={"metadata": {"path": folder}})
-    client.execute()
+    NotebookClient(notebook, timeout=1200, resources={"metadata": {"path": folder}}).execute()
     return [output for cell in notebook.cells for output in cell.get("outputs", [])]
 
 

@@ -227,8 +227,7 @@ def test_a_car_that_is_steered_behind_turns_its_rear_wheels_the_other_way():
     system = rnc.NonholonomicSystem(rnc.Robot(model), [*wheels, rnc.AckermannSteering("left", "right", "fl")])
     assert system.r == 2
     reduced = system.reduce([rnc.FrameSpeed("base"), rnc.JointPosition("left")])
-    q = system.assembled(system.robot.configuration({"left": -0.4}), hold=["left"])
-    v = reduced.at(q, [1.0, 0.0]).v
+    v = reduced.at(system.assembled(system.robot.configuration({"left": -0.4}), hold=["left"]), [1.0, 0.0]).v
     # To the left, about a centre beyond the left wheel.
     assert v[2] == pytest.approx(1 / (1.1 / np.tan(0.4) + 0.3), rel=1e-9)
 

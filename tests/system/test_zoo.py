@@ -74,8 +74,7 @@ def test_growth_vectors_of_wheeled_robots(name, growth):
     of wheel angles.
     """
     reduced = zoo.KINDS["rolling wheels"](name)
-    found = rnc.analysis.integrability(reduced, [zoo.states(reduced)[0][0]])
-    assert found.growth_vector == growth
+    assert rnc.analysis.integrability(reduced, [zoo.states(reduced)[0][0]]).growth_vector == growth
 
 
 def test_two_robots_of_one_name_are_told_apart():

@@ -159,8 +159,7 @@ def test_what_fails_in_drawing_costs_the_drawing_alone(tmp_path, monkeypatch, ca
     printed = []
 
     def fail(*arguments):
-        saved = sorted(path.name for path in (tmp_path / "out").iterdir())
-        printed.append((saved, capfd.readouterr().out))
+        printed.append((sorted(path.name for path in (tmp_path / "out").iterdir()), capfd.readouterr().out))
         raise ValueError("found a\nleft-handed frame")
 
     monkeypatch.setattr(pictures, "_overview", fail)
@@ -239,8 +238,7 @@ def test_a_robot_is_no_scenario_but_can_become_one(command, name, call, tmp_path
     monkeypatch.chdir(tmp_path)
     if "." in name:
         (tmp_path / name).write_text(chain(base=INERTIAL, arm=INERTIAL))
-    more = ["--runs", "2", "--out", "x"] if command == "sweep" else []
-    status, _, error = call(command, name, *more)
+    status, _, error = call(command, name, *(["--runs", "2", "--out", "x"] if command == "sweep" else []))
     assert status == 2
     assert "that is a robot, not a scenario: draft one with: rnc-pin init " in error
     assert (shlex.split(error)[-1], len(error.splitlines())) == (name, 1)
@@ -298,8 +296,7 @@ def test_a_recorded_page_keeps_a_robot_in_sight_that_drives_away(view, cart, bro
     start = np.r_[FAR / 10.0, np.zeros(cart.nv - 1)]
     run = rnc.free_motion(rnc.NonholonomicSystem(cart).reduce(), cart.configuration(), start, duration=10.0)
     assert run.q[-1, 0] == pytest.approx(FAR, rel=1e-6)
-    path = Recording(cart, run, view).save(tmp_path / "page.html")
-    page, problems = visit(browser, path.as_uri(), offline=True)
+    page, problems = visit(browser, Recording(cart, run, view).save(tmp_path / "page.html").as_uri(), offline=True)
     page.wait_for_function("window.ready === true", timeout=1000 * PATIENCE)
     page.evaluate("viewer.animator.pause()")
     for time in (0.0, 5.0, 10.0, 2.0):
@@ -361,6 +358,5 @@ def test_there_is_no_floor_under_what_floats(base, gravity, view, floor, tmp_pat
     robot = rnc.Robot.from_urdf(path, base=base, gravity=gravity)
     constraints = [rnc.MomentumConservation("root_joint")] if base == "free" and not any(gravity) else []
     reduced = rnc.NonholonomicSystem(robot, constraints).reduce()
-    run = rnc.free_motion(reduced, robot.configuration(), np.full(reduced.r, 0.1), duration=0.1)
-    Recording(reduced, run, view)
+    Recording(reduced, rnc.free_motion(reduced, robot.configuration(), np.full(reduced.r, 0.1), duration=0.1), view)
     assert bool(drawn) is floor

@@ -65,8 +65,7 @@ def test_a_run_of_one_sample_has_nothing_to_plot(run):
 
 @pytest.mark.parametrize(("ending", "start"), [("png", b"\x89PNG\r"), ("pdf", b"%PDF-"), ("svg", b"<?xml")])
 def test_plots_are_written_by_their_ending(tmp_path, ending, start):
-    path = save(Figure(figsize=(1, 1)), tmp_path / f"plots.{ending}")
-    assert path.read_bytes()[:5] == start
+    assert save(Figure(figsize=(1, 1)), tmp_path / f"plots.{ending}").read_bytes()[:5] == start
     with pytest.raises(rnc.ConfigurationError, match=r"ends in .png, .pdf or .svg"):
         save(Figure(figsize=(1, 1)), tmp_path / "plots.doc")
 

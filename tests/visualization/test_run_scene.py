@@ -50,8 +50,7 @@ def test_a_recording_has_even_frames_on_the_trajectory(robot, run):
 
 
 def test_a_run_that_is_over_stands_still_beside_one_that_goes_on(robot, run):
-    short = SimpleNamespace(time=run.time[:101], q=run.q[:101])
-    states = list(recorded_states(robot, run, others=[short]))
+    states = list(recorded_states(robot, run, others=[SimpleNamespace(time=run.time[:101], q=run.q[:101])]))
     np.testing.assert_allclose([state.time for state in states], np.arange(0, 3.001, 0.04))
     np.testing.assert_allclose(states[10].others[0], run.q[40], atol=1e-12)
     np.testing.assert_array_equal(states[-1].others[0], run.q[100])

@@ -348,8 +348,7 @@ def small():
     actuators = [rnc.FrameForce("sleigh", "x"), rnc.FrameTorque("sleigh", "z")]
     system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], actuators)
     reduced = system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
-    target = rnc.control.ReducingOutputController(reduced, rnc.planning.Hold([1.0, 0.0]))
-    return system, reduced, target
+    return system, reduced, rnc.control.ReducingOutputController(reduced, rnc.planning.Hold([1.0, 0.0]))
 
 
 WRONG_ARGUMENTS = {
@@ -420,8 +419,7 @@ def test_rows_without_names_are_numbered_through():
 def test_a_plant_that_tells_no_work_has_no_drift(capsys):
     _, reduced, target = small()
     tracker, plant = rnc.control.VelocityTracker(target), silent(rnc.ReducedPlant(reduced))
-    run = rnc.simulate(reduced, tracker, reduced.robot.configuration(), 0.1, 0.01, plant=plant)
-    summary = rnc.summarize(run)
+    summary = rnc.summarize(rnc.simulate(reduced, tracker, reduced.robot.configuration(), 0.1, 0.01, plant=plant))
     assert summary["energy_drift"] is None
     print_summary(summary)
     out = capsys.readouterr().out

@@ -139,8 +139,7 @@ def test_three_interruptions_keep_the_run_in_a_program_of_ones_own(monkeypatch):
 
 def processor_time(pid):
     """Seconds that a process has computed; a busy machine gives it less of them than the clock shows."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return int(fields[11]) / os.sysconf("SC_CLK_TCK")
+    return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[11]) / os.sysconf("SC_CLK_TCK")
 
 
 def started(*arguments, **options):

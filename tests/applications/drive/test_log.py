@@ -23,8 +23,7 @@ def test_only_the_latest_command_for_a_target_waits():
 
 def test_the_queue_is_bounded_and_says_what_it_refuses():
     queue = CommandQueue(CONTROLS)
-    accepted = [queue.put(moved(f"j{k}", 0.0)) for k in range(300)]
-    assert sum(accepted) == 200 == len(queue.take())
+    assert sum([queue.put(moved(f"j{k}", 0.0)) for k in range(300)]) == 200 == len(queue.take())
     assert queue.refused == "too many commands in one sample"
     assert not queue.put(moved("j1", 7.0))
     assert queue.refused.startswith("joint 'j1': expected -1 to 1")
@@ -35,5 +34,4 @@ def test_the_queue_is_bounded_and_says_what_it_refuses():
 def test_commands_are_due_once_at_their_sample():
     goal = JointGoal(joint="j0", position=0.1)
     log = [LoggedCommand(3, StopMotion()), LoggedCommand(5, goal)]
-    found = [due_commands(log, *at) for at in ((0, 2), (0, 4), (1, 5), (2, 9))]
-    assert found == [[], [StopMotion()], [goal], []]
+    assert [due_commands(log, *at) for at in ((0, 2), (0, 4), (1, 5), (2, 9))] == [[], [StopMotion()], [goal], []]

@@ -31,8 +31,7 @@ def goal(x, y, z=0.48):
 def test_a_frame_reaches_its_goal_and_the_record_has_it():
     run = manipulator([(5, goal(2.0, 0.6))])
     result = drive(run, samples=400)
-    found = point_of(run, result.trajectory.q[-1], "tip")
-    np.testing.assert_allclose(found[:2], [2.0, 0.6], atol=2e-3)
+    np.testing.assert_allclose(point_of(run, result.trajectory.q[-1], "tip")[:2], [2.0, 0.6], atol=2e-3)
     np.testing.assert_allclose(result.trajectory.x1_desired[-1, :2], [2.0, 0.6])
     np.testing.assert_array_equal(result.trajectory.x1_desired[:5], result.trajectory.x1[:5])  # no goal before
     assert result.trajectory.outcome is rnc.Outcome.COMPLETED
@@ -43,8 +42,7 @@ def test_the_speed_of_a_frame_stays_at_its_setting():
     run = manipulator([(0, {"kind": "gain", "gain": "frame speed", "value": 0.1}), (0, goal(3.0, 0.6))])
     trajectory = drive(run, samples=150).trajectory
     points = np.array([point_of(run, q, "tip")[:2] for q in trajectory.q])
-    speeds = np.linalg.norm(np.diff(points, axis=0), axis=1) / DT
-    assert speeds[60:].max() == pytest.approx(0.1, rel=0.02)
+    assert (np.linalg.norm(np.diff(points, axis=0), axis=1) / DT)[60:].max() == pytest.approx(0.1, rel=0.02)
 
 
 def test_the_base_drives_to_a_point():
@@ -98,10 +96,8 @@ simulation: {{duration: 1, dt: 0.02}}
 
 def bending(folder, rake=0.0, commands=()):
     """Driven run of an articulated vehicle, or of one with a raked fork."""
-    urdf = tilting(rake)
-    (folder / "bending.urdf").write_text(urdf)
-    front = "front" if rake else "front_left"
-    text = BENDING.format(front=front)
+    (folder / "bending.urdf").write_text(tilting(rake))
+    text = BENDING.format(front="front" if rake else "front_left")
     if not rake:
         free = "  - rolling_wheel: {frame: front_right, radius: 0.2, lateral: false}\nactuators"
         text = text.replace("actuators", free)
@@ -176,13 +172,11 @@ def test_a_key_moves_the_base_until_half_a_second_after_the_last_command():
     assert speed[10] == pytest.approx(0.0, abs=1e-9)
     assert speed[34] == pytest.approx(0.5, rel=0.02)  # "base speed", before 0.2 s + 0.5 s
     assert np.abs(speed[60:]).max() < 1e-2
-    distance = trajectory.q[-1, 0]
-    assert 0.15 < distance < 0.3
+    assert 0.15 < trajectory.q[-1, 0] < 0.3
 
 
 def test_stop_holds_the_configuration():
-    run = manipulator([(5, goal(4.0, 1.0)), (100, {"kind": "stop"})])
-    trajectory = drive(run, samples=250).trajectory
+    trajectory = drive(manipulator([(5, goal(4.0, 1.0)), (100, {"kind": "stop"})]), samples=250).trajectory
     assert np.abs(trajectory.v2[95]).max() > 0.1
     assert np.abs(trajectory.v2[-50:]).max() < 1e-3
     assert np.abs(trajectory.q[-1] - trajectory.q[-50]).max() < 1e-3
@@ -193,8 +187,7 @@ def test_hold_base_keeps_the_base_and_the_unreachable_goal_is_reported():
     run = manipulator([(0, {"kind": "hold_base", "on": True}), (1, goal(4.0, 0.0))])
     trajectory = drive(run, samples=400, watcher=watcher).trajectory
     np.testing.assert_allclose(trajectory.q[:, :4], np.tile(trajectory.q[0, :4], (400, 1)), atol=1e-3)
-    stretched = point_of(run, trajectory.q[-1], "tip")
-    reach = np.linalg.norm(stretched[:2] - [4.0, 0.0])
+    reach = np.linalg.norm(point_of(run, trajectory.q[-1], "tip")[:2] - [4.0, 0.0])
     assert watcher.statuses[0].distances == {}
     assert watcher.statuses[-1].distances["tip"] == pytest.approx(reach, abs=0.01)
     assert f"tip: {reach:.2f} m from its goal" in watcher.statuses[-1].messages

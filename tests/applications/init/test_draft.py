@@ -156,8 +156,7 @@ def test_init_of_a_xacro_file_takes_its_arguments(call, tmp_path, monkeypatch):
     assert content["robot"]["xacro_arguments"] == {"size": 0.15}
     options = ("--arg", "size=0.15", "--duration", "0.05", "--no-browser")
     assert call("drive", "cart.urdf.xacro", *options)[0] == 0
-    driven = read_yaml(tmp_path / "runs/cart-drive/scenario.yaml")
-    assert driven["robot"]["xacro_arguments"] == {"size": 0.15}
+    assert read_yaml(tmp_path / "runs/cart-drive/scenario.yaml")["robot"]["xacro_arguments"] == {"size": 0.15}
     status, *_, said = call("drive", "cart.yaml", *options)
     assert status == 2
     assert "--arg and --package-dir are for a robot" in said

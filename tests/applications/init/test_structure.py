@@ -463,8 +463,7 @@ def with_axis_across(name, effort=10.0):
 
 def kingpins():
     """A kingpin of a trailer is one joint behind the base; those of knuckles stand side by side."""
-    body = link("base", 10.0, BOX) + pair("rear", "base", -0.3)
-    return robot(body, knuckles("kingpin", "front", 0.3))
+    return robot(link("base", 10.0, BOX) + pair("rear", "base", -0.3), knuckles("kingpin", "front", 0.3))
 
 
 def afloat(text):
@@ -739,8 +738,7 @@ def test_bodies_with_one_moment_of_inertia_float_in_a_plane(drafted, tmp_path):
     parts = [link("bus", 20.0, '<box size="0.4 0.4 0.1"/>')]
     for name, x in (("a", 0.3), ("b", -0.3), ("c", 0.4)):
         parts += [link(name, 1.0, at=f"{x / 2} 0 0"), joint(f"{name}_joint", "bus", name, (x, 0, 0), "0 0 1")]
-    text = re.sub('ixx="[^"]*" iyy="[^"]*"', 'ixx="0" iyy="0"', robot(*parts))
-    kind, content, _ = drafted(text)
+    kind, content, _ = drafted(re.sub('ixx="[^"]*" iyy="[^"]*"', 'ixx="0" iyy="0"', robot(*parts)))
     assert kind.startswith("planar: no wheels, and 3 limbs on one body, and bus, a, b and 1 more have a moment of")
     assert content["constraints"] == [{"momentum": "root_joint"}]
     free = Robot.from_urdf(tmp_path / "unit.urdf", base="free", gravity=(0, 0, 0))

@@ -91,8 +91,7 @@ def leaning(folder, text):
     ("1.57 0 0", "fork"), ("0 0 1.5708", "front_hub_link"),
 ])  # fmt: skip
 def test_the_frame_of_an_inertia_may_be_rounded(turned, of, tmp_path):
-    text = re.sub(f'(<link name="{of}"><inertial><origin )', rf'\1rpy="{turned}" ', FORK)
-    path = leaning(tmp_path, text)
+    path = leaning(tmp_path, re.sub(f'(<link name="{of}"><inertial><origin )', rf'\1rpy="{turned}" ', FORK))
     assert drafted(path, path, tmp_path)[0] == "# base free: 2 wheels in line: a bicycle, which leans"
 
 

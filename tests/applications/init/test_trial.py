@@ -139,8 +139,7 @@ def test_the_base_has_to_move():
 def test_an_error_of_half_the_motion_fails():
     robot, run = rolled(0.1)
     found = [run_findings(Trial(2.0, "yaw", error, 1.0), run, rolling(), robot) for error in (0.1, 0.3, 0.6)]
-    severities = [[each.severity for each in every] for every in found]
-    assert severities == [[], [Severity.DEGRADES], [Severity.FAILS]]
+    assert [[each.severity for each in every] for every in found] == [[], [Severity.DEGRADES], [Severity.FAILS]]
 
 
 def test_efforts_beyond_the_file_are_said(tmp_path, brief):
@@ -163,8 +162,7 @@ def pendulum(lower, upper, effort, speed=20, center="0.5 0 0"):
 def test_a_joint_starts_where_its_motor_holds_the_weight(tmp_path):
     """At zero the weight needs 9.81 N m."""
     text, content, path = drafted(pendulum(-0.5, 1.5, effort=5.0), tmp_path)
-    angle = content["initial"]["q"]["axle"]
-    assert np.cos(angle) * 9.81 < 0.8 * 5.0
+    assert np.cos(content["initial"]["q"]["axle"]) * 9.81 < 0.8 * 5.0
     assert "start where motors can hold the weight: axle at" in text
     assert execute(Scenario.load(str(path))).trajectory.verdict.succeeded
 

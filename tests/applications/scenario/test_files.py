@@ -86,8 +86,7 @@ def test_loops_can_be_asked_for_and_are_closed_at_the_start(tmp_path):
 
 
 def test_outputs_without_a_task_are_all_primary(tmp_path):
-    changes = {"task": {}, "controller.type": "reducing_outputs", "reference": {}}
-    experiment = plan_of(changes, tmp_path).experiment
+    experiment = plan_of({"task": {}, "controller.type": "reducing_outputs", "reference": {}}, tmp_path).experiment
     reduced = experiment.reduced
     v2 = np.zeros(reduced.r)
     measurement = reduced.at(experiment.q0, v2).measure(v2)

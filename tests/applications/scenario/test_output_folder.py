@@ -161,8 +161,7 @@ def test_force_replaces_only_files_of_the_same_names(tmp_path):
     (tmp_path / "summary.json").write_text("mine")
     run(tmp_path, force=True, summary_json="old", overview_png="old")
     (tmp_path / "summary.json").write_text("edited")
-    message = refusal(lambda: run(tmp_path, summary_json="new"))
-    assert "summary.json was changed or not written by rnc-pin" in message
+    assert "summary.json was changed or not written by rnc-pin" in refusal(lambda: run(tmp_path, summary_json="new"))
     run(tmp_path, force=True, overview_png="new")
     assert contents(tmp_path) == {"summary.json": "edited", "overview.png": "new", "thesis.txt": "mine"}
     run(tmp_path, force=True, summary_json="new")

@@ -68,8 +68,7 @@ def test_existing_trackers_follow_the_outputs_of_the_plan_and_equal_plans_are_sh
     tracker = {"type": "reducing_outputs", "tracker": "computed_torque", "state_cost": None}
     damper = {"damper": {"output": {"frame_yaw": "sleigh"}, "damping": 1.0}}
     others = {"plan": {"controller": {"type": "plan_feedback"}}, "damped": {"forces": [damper]}}
-    path = written(tmp_path, controller=tracker, comparisons=others)
-    prepared = Scenario.load(path).build()
+    prepared = Scenario.load(written(tmp_path, controller=tracker, comparisons=others)).build()
     assert prepared.comparisons["plan"].experiment.plan is prepared.experiment.plan
     assert prepared.comparisons["damped"].experiment.plan is not prepared.experiment.plan
     run = execute(prepared)
@@ -98,8 +97,7 @@ def test_a_goal_is_what_the_planner_names(tmp_path, moved, word):
     place = run.info.outputs.of(kind).names.index(moved)
     aside, desired = (np.array(getattr(run, each)) for each in (kind, f"{kind}_desired"))
     aside[-1, place] = desired[-1, place] + 0.1
-    verdict = judged_summary(made.experiment, replace(run, **{kind: aside})).summary["verdict"]
-    assert verdict == word
+    assert judged_summary(made.experiment, replace(run, **{kind: aside})).summary["verdict"] == word
 
 
 ROLLS = {"minimum_jerk": {"to": [4.5, 0, 0.3, 0], "duration": 10}}
@@ -195,8 +193,7 @@ def test_a_plan_keeps_links_from_each_other_as_the_verdict_checks_them(tmp_path,
     path = written(tmp_path, TELESCOPE, planner={"type": kind})
     with pytest.raises(rnc.InfeasibleError, match=r"rail (and|/) tool|distance \(nearest\)"):
         Scenario.load(path).build()
-    free = Scenario.load(path, {"planner.goal.two": 1.1}).build()
-    assert execute(free).trajectory.verdict.succeeded
+    assert execute(Scenario.load(path, {"planner.goal.two": 1.1}).build()).trajectory.verdict.succeeded
     unchecked = Scenario.load(path, {"planner.links": False, "planner.type": "optimal"}).build()
     assert execute(unchecked).trajectory.verdict.first.where == "rail / tool"
 

@@ -57,8 +57,7 @@ def test_rotor_inertia_of_a_file_adds_to_the_inertia_of_its_joint(tmp_path):
 
 def test_a_run_needs_no_outputs(tmp_path):
     free = {"controller": {"type": "none"}, "simulation": {"duration": 0.5, "dt": 0.01}}
-    path = written(tmp_path, **free, initial={"q": {"root_joint": [0.0, 0.0, 0.3]}})
-    run = rnc.Scenario.load(path).run()
+    run = rnc.Scenario.load(written(tmp_path, **free, initial={"q": {"root_joint": [0.0, 0.0, 0.3]}})).run()
     np.testing.assert_allclose(run.q[-1], run.q[0])
     assert len(run.time) == 51
 

@@ -41,12 +41,10 @@ def test_a_run_that_ends_before_its_reference_says_how_far(tmp_path, duration, s
 def test_a_run_that_ends_before_its_plan_says_how_far():
     options = {"plots": {}, "comparisons": {}, "planner.duration": 3.0, "simulation.duration": 1.5}
     changes = {"obstacles": [], "planner.clearance": None, "planner.goal": {"tractor_x": 1.0}}
-    made = Scenario.load("docking", {**options, **changes}).build()
-    run = execute(made).trajectory
+    run = execute(Scenario.load("docking", {**options, **changes}).build()).trajectory
     found = next(each for each in run.verdict.findings if each.kind is FindingKind.GOAL)
     assert str(found.severity) == "degrades"
-    column = run.info.outputs.x1.names.index("tractor_x")
-    assert found.amount == pytest.approx(abs(1.0 - run.x1[-1, column]))
+    assert found.amount == pytest.approx(abs(1.0 - run.x1[-1, run.info.outputs.x1.names.index("tractor_x")]))
 
 
 @pytest.mark.parametrize(("more", "word"), [([], "failed"), ([{"singularity": {"gain": 0.1}}], "succeeded")])

@@ -71,8 +71,7 @@ def test_a_cluster_has_the_rows_of_one_process_although_a_worker_is_killed(clust
     assert killed
     assert killed[0] < RUNS
     assert not alive(workers[0].pid)
-    here = rnc.sweep("space-robot", RUNS, out=tmp_path / "here", **arguments)
-    assert rows_of(here) == rows_of(there)
+    assert rows_of(rnc.sweep("space-robot", RUNS, out=tmp_path / "here", **arguments)) == rows_of(there)
     options = ["--set", "simulation.duration=0.1", "--runs", RUNS + 2, "--scheduler", address]
     status, out, error = call("sweep", "space-robot", *options, "--out", tmp_path / "there")
     assert (status, error) == (0, "")  # the command adds two runs to the sweep

@@ -19,8 +19,7 @@ CASES = {
 
 
 def runs(scenario):
-    draws = SeededDraws.of(CASES[scenario], seed=2)
-    return ScenarioRuns(scenario, {"preflight": "warn", **QUICK, "seed": 2}, draws)
+    return ScenarioRuns(scenario, {"preflight": "warn", **QUICK, "seed": 2}, SeededDraws.of(CASES[scenario], seed=2))
 
 
 @pytest.mark.parametrize("scenario", CASES)
@@ -38,8 +37,7 @@ def test_a_drawn_part_of_the_system_has_a_model_of_its_own():
     source = ScenarioRuns("space-robot", {**QUICK, "preflight": "warn"})
     forward = [source.row(run, draw)["rms_error.tip_x"] for run, draw in enumerate(draws)]
     other = ScenarioRuns("space-robot", {**QUICK, "preflight": "warn"})
-    backward = [other.row(run, draws[run])["rms_error.tip_x"] for run in (1, 0)]
-    assert forward == backward[::-1]
+    assert forward == [other.row(run, draws[run])["rms_error.tip_x"] for run in (1, 0)][::-1]
     assert forward[0] != forward[1]
 
 
@@ -71,8 +69,7 @@ def test_integers_and_choices_are_equally_probable():
     counts = [sum(each["n"] == n for each in found) for n in range(-1, 3)]
     assert sum(counts) == 2000
     assert stats.chisquare(counts).pvalue > 0.01
-    words = sum(each["word"] == "a" for each in found)
-    assert stats.binomtest(words, 2000).pvalue > 0.01
+    assert stats.binomtest(sum(each["word"] == "a" for each in found), 2000).pvalue > 0.01
     assert {str(each["word"]) for each in found} == {"a", "{'b': [1]}"}
 
 

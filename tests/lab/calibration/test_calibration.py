@@ -118,8 +118,7 @@ def test_outliers_are_named_and_hardly_count(tmp_path):
     bad = np.array([50, 51, 400, 600])
     moved = pose.values.copy()
     moved[bad, :2] += [1.0, -2.0]
-    others = [each for each in log if each is not pose]
-    spoiled = rnc.Log([*others, Channel("pose", "sensor", pose.time, moved)])
+    spoiled = rnc.Log([*[each for each in log if each is not pose], Channel("pose", "sensor", pose.time, moved)])
     found = rnc.calibrate(TRICYCLE.system(tmp_path), spoiled, TRICYCLE.unknown, "sensor")
     np.testing.assert_array_equal(found.outliers, pose.time[bad])
     assert (np.abs(found.values - values(TRICYCLE.true)) < 3.5 * found.std).all()
@@ -155,8 +154,7 @@ class TestTricycle:
     @pytest.mark.parametrize(("unknown", "fit", "second"), [(UNKNOWN, 0.08, 0.13), ((*UNKNOWN, *DELAYS), 0.06, 0.1)])
     def test_its_open_loop_path(self, unknown, fit, second, tmp_path):
         log, system = rnc.Log.read(MEASURED / "tricycle" / "dataset.txt", COLUMNS), tricycle_system(tmp_path)
-        whole = rnc.calibrate(system, log, unknown, "laser")
-        assert whole.errors["fit"].mean < fit
+        assert rnc.calibrate(system, log, unknown, "laser").errors["fit"].mean < fit
         half = rnc.calibrate(system, log, unknown, "laser", held_out=0.5)
         assert half.errors["held out"].mean < second
         assert half.errors["held out, nominal"].mean > 2.0
@@ -201,8 +199,7 @@ def test_slip_is_that_of_the_closed_form(tmp_path):
 
 def test_the_replay_is_the_measured_path_of_a_right_model(tmp_path):
     true = replace(TRICYCLE, true=TRICYCLE.nominal)
-    found = rnc.compare(true.system(tmp_path), true.log(0, noise=0.0, ticks=0), "sensor")
-    replay = found.replay
+    replay = rnc.compare(true.system(tmp_path), true.log(0, noise=0.0, ticks=0), "sensor").replay
     np.testing.assert_allclose(replay.predicted, replay.measured, atol=1e-4)
     np.testing.assert_allclose(replay.q[:, :2], replay.predicted[:, :2])
 

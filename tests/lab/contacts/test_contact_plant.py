@@ -51,8 +51,7 @@ def test_bouncing_ball(ball, free):
     lost[0] += 0.5 * 2.0 * speed**2 * 2 / 7
     np.testing.assert_allclose([each.energy_loss for each in phases[1:]], lost, rtol=1e-7)
     assert np.ptp(run.energy - run.work) < 1e-8
-    second = run.q[run.phase == 1][:, 2]
-    assert second.max() == pytest.approx(0.1 + e**2 * height, abs=G * 0.02**2 / 8)
+    assert run.q[run.phase == 1][:, 2].max() == pytest.approx(0.1 + e**2 * height, abs=G * 0.02**2 / 8)
     rolls = run.phase == bounces + 1
     assert not run.normal_forces[~rolls].any()
     np.testing.assert_allclose(run.normal_forces[rolls, 0], 2.0 * G, rtol=1e-9)
@@ -83,10 +82,8 @@ def test_contact_opens_and_closes_in_one_run(ball, free):
 def test_body_that_rocks(turning, closed):
     """As the right foot lands, the left one stays if ``I < m a^2``, and lifts off if ``I > m a^2``."""
     mass, a, tilt = 1.0, 0.5, 0.05
-    robot = free_body(mass, [1e-3, turning, turning], left=[-a, 0, 0], right=[a, 0, 0])
-    system = rnc.NonholonomicSystem(robot)
-    feet = [rnc.UnilateralContact(rnc.Caster(name, 0.0)) for name in ("left", "right")]
-    plant = rnc.ContactPlant(system, feet)
+    system = rnc.NonholonomicSystem(free_body(mass, [1e-3, turning, turning], left=[-a, 0, 0], right=[a, 0, 0]))
+    plant = rnc.ContactPlant(system, [rnc.UnilateralContact(rnc.Caster(name, 0.0)) for name in ("left", "right")])
     plant.reset(at(system, a * np.sin(tilt), -tilt), np.zeros(6))  # on the left foot
     for _ in range(40):
         plant.advance(0.01)
@@ -131,8 +128,7 @@ def test_hopper_lifts_off_where_its_spring_carries_the_foot():
 
 
 def test_wheels_that_share_the_load_stay_closed():
-    robot = free_body(1.0, [0.1, 0.1, 0.1], a=[-1, 0, 0], b=[0, 0, 0], c=[1, 0, 0])
-    system = rnc.NonholonomicSystem(robot)
+    system = rnc.NonholonomicSystem(free_body(1.0, [0.1, 0.1, 0.1], a=[-1, 0, 0], b=[0, 0, 0], c=[1, 0, 0]))
     plant = rnc.ContactPlant(system, [rnc.UnilateralContact(rnc.Caster(name, 0.1), 0.5) for name in "abc"])
     plant.reset(at(system, 0.2), np.array([0.3, 0, 0, 0, 0, 0]))
     for _ in range(10):
@@ -151,8 +147,7 @@ def test_endless_bounces_are_refused(ball):
 
 @pytest.mark.parametrize(("radius", "height"), [(0.2, 9e-5), (5e-5, 8e-5), (5e-5, 1e-7), (20.0, 1e-3)])
 def test_a_ball_above_the_ground_falls_whatever_its_size(radius, height):
-    robot = rnc.Robot.from_urdf("rolling_ball.urdf", base="free")
-    model = robot.model.copy()
+    model = rnc.Robot.from_urdf("rolling_ball.urdf", base="free").model.copy()
     model.inertias[1] = pin.Inertia.FromSphere(1.0, radius)
     ball = rnc.NonholonomicSystem(rnc.Robot(model))
     plant = rnc.ContactPlant(ball, [rnc.UnilateralContact(rnc.RollingBall("ball", radius))], tolerance=1e-9)
@@ -257,5 +252,4 @@ def test_a_box_without_slip_comes_to_rest_on_four_corners():
     assert not run.v[-1].any()
     assert run.contact_forces[-1].sum() == pytest.approx(G, rel=1e-9)
     assert run.contact_forces[-1].max() == pytest.approx(G / 4, rel=1e-9)
-    again = rnc.impact(system, *plant.read(), appearing=[each.constraint for each in contacts[:4]])
-    assert again.loss == 0.0
+    assert rnc.impact(system, *plant.read(), appearing=[each.constraint for each in contacts[:4]]).loss == 0.0

@@ -9,8 +9,7 @@ from rnc_pin.lab.logs import Channel, unwrapped
 
 def test_samples_are_put_in_order_and_repairs_are_counted():
     time = [0.0, 0.3, 0.1, 0.2, 0.2, 0.4, 0.5]
-    values = [[0.0], [3.0], [1.0], [2.0], [7.0], [np.nan], [5.0]]
-    channel = Channel("velocity", "wheel", time, values)
+    channel = Channel("velocity", "wheel", time, [[0.0], [3.0], [1.0], [2.0], [7.0], [np.nan], [5.0]])
     assert channel.time.tolist() == [0.0, 0.1, 0.2, 0.3, 0.5]
     assert channel.values[:, 0].tolist() == [0.0, 1.0, 2.0, 3.0, 5.0]  # the first of two duplicates
     assert channel.repairs == ("1 sample without a number", "3 samples out of order", "1 duplicate stamp")

@@ -38,8 +38,7 @@ def write_table(path, separator=", ", cell=None):
 
 @pytest.mark.parametrize(("name", "text"), [("comma", ", "), ("semicolon", ";"), ("tab", "\t"), ("space", "   ")])
 def test_a_text_table(tmp_path, name, text):
-    path = write_table(tmp_path / "log.csv", text)
-    check(rnc.Log.read(path, {"separator": name, **KEYS}))
+    check(rnc.Log.read(write_table(tmp_path / "log.csv", text), {"separator": name, **KEYS}))
 
 
 def test_a_mapping_file_and_columns_by_number(tmp_path):

@@ -101,8 +101,7 @@ def test_masses_and_accelerations_are_those_of_pinocchio(name):
         step = 1e-6
         v_dot = pin.aba(robot.model, robot.model.createData(), q, v, force)
         after = written.velocity(pin.integrate(robot.model, q, step * v), v + step * v_dot)
-        difference = (after - data.qvel) / step
-        np.testing.assert_allclose(difference, data.qacc, rtol=0, atol=1e-5 * np.abs(data.qacc).max())
+        np.testing.assert_allclose((after - data.qvel) / step, data.qacc, rtol=0, atol=1e-5 * np.abs(data.qacc).max())
 
 
 def driven(reduced, q0, v2_0, T, duration, **settings):
@@ -115,8 +114,7 @@ def driven(reduced, q0, v2_0, T, duration, **settings):
     plant.advance(duration)
     assert plant.data.time == pytest.approx(duration)
     q, v = plant.read()
-    gap = pin.difference(reduced.robot.model, exact.q[-1], q)
-    return plant, np.abs(gap).max(), np.abs(v - exact.v[-1]).max()
+    return plant, np.abs(pin.difference(reduced.robot.model, exact.q[-1], q)).max(), np.abs(v - exact.v[-1]).max()
 
 
 def test_a_space_robot_keeps_its_momentum():
@@ -136,8 +134,7 @@ def test_geared_joints_and_closed_loops():
     _, q, _ = driven(system.reduce(), q0, np.zeros(2), np.array([1.0, 0.2]), 2.0)
     assert q < 1e-7
 
-    handle = rnc.LoopClosure("platform_body", "tip", kind="point")
-    system = rnc.NonholonomicSystem(robot, [handle], ["joint_1"])
+    system = rnc.NonholonomicSystem(robot, [rnc.LoopClosure("platform_body", "tip", kind="point")], ["joint_1"])
     q0 = system.assembled(robot.configuration({"joint_1": 0.5, "joint_2": 2.0, "joint_3": 1.5}))
     reduced = system.reduce()
     plant, q, _ = driven(reduced, q0, np.zeros(2), np.array([2.0]), 1.0)

@@ -51,8 +51,7 @@ def test_the_geometry_of_robots_is_that_of_pinocchios_own_loader(name, kind):
     robot = rnc.Robot.from_example(name, snap=False)
     geometry = robot.visual_model if kind == "visual" else robot.collision_model
     kind, folders = getattr(pin.GeometryType, kind.upper()), [str(packages), str(path.parent)]
-    theirs = pin.buildGeomFromUrdf(robot.model, str(path), kind, None, folders)
-    assert_same_shapes(geometry, theirs)
+    assert_same_shapes(geometry, pin.buildGeomFromUrdf(robot.model, str(path), kind, None, folders))
 
 
 def assert_same_shapes(geometry, theirs):

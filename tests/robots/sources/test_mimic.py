@@ -39,8 +39,7 @@ def mimic(of, multiplier=1, offset=0):
 
 
 def positions(system, **joints):
-    q = system.assembled(system.robot.configuration(joints), hold=list(joints))
-    return system.robot.joint_values(q)
+    return system.robot.joint_values(system.assembled(system.robot.configuration(joints), hold=list(joints)))
 
 
 def test_a_mimic_joint_follows(tmp_path):

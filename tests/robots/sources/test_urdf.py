@@ -142,8 +142,7 @@ def test_a_remedy_works_when_it_is_followed(name):
     base = "free" if name == "point_masses.urdf" else "fixed"
     words = refusal(name, base=base)
     assert REFUSED[name] in words
-    masses = ast.literal_eval(re.search(r"masses=({.*?})", words)[1])
-    robot, _ = loaded(name, base=base, masses=masses)
+    robot, _ = loaded(name, base=base, masses=ast.literal_eval(re.search(r"masses=({.*?})", words)[1]))
     assert robot.nv > 0
 
 
@@ -183,8 +182,7 @@ def test_a_link_and_a_joint_of_one_name():
     assert said == []
     robot, _ = loaded("link_and_joint_of_one_name.urdf", lock={"right": 0.5})
     assert (robot.joint_names, [frame.name for frame in robot.model.frames].count("right")) == (("left",), 2)
-    index = robot.frame_id("right")
-    assert robot.model.frames[index].type == pin.FrameType.BODY
+    assert robot.model.frames[robot.frame_id("right")].type == pin.FrameType.BODY
     assert len(robot.collision_model.geometryObjects) == len(whole.collision_model.geometryObjects) == 3
     for each in (whole, robot):
         carried = {shape.name[:-2]: shape.parentJoint for shape in each.collision_model.geometryObjects}
@@ -226,8 +224,7 @@ def test_a_call_of_a_macro_that_the_file_does_not_include_is_not_known(tmp_path)
 
 def limited(limit, tmp_path):
     """A robot with two joints of this limit, a lift and a wrist, what was said of it, and the limits."""
-    text = (DIRT / "no_limits.urdf").read_text()
-    (tmp_path / "r.urdf").write_text(re.sub("<limit .*?/>", limit, text))
+    (tmp_path / "r.urdf").write_text(re.sub("<limit .*?/>", limit, (DIRT / "no_limits.urdf").read_text()))
     robot, said = loaded(tmp_path / "r.urdf")
     at = [robot.velocity_indices(name).start for name in ("lift", "wrist")]
     model = robot.model

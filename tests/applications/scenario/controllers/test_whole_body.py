@@ -233,8 +233,7 @@ def test_obstacles_of_the_scenario_are_avoided_at_rest_and_in_motion(tmp_path, p
     blind = point(
         tmp_path, controller={**program, "limits": {"collision": None}}, simulation={"duration": 2, "dt": 0.02}
     )
-    hit = execute(Scenario.load(blind)).trajectory
-    assert gaps(hit)[0].min() < -0.1
+    assert gaps(execute(Scenario.load(blind)).trajectory)[0].min() < -0.1
 
 
 def test_preflight_asks_for_a_braking_motion_from_the_start(tmp_path):

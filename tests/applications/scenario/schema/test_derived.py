@@ -64,8 +64,7 @@ def test_every_dataclass_that_files_know_has_an_entry_with_its_fields(kind):
 def test_the_view_is_declared_once():
     check_fields(View, PARTS["View"])
     raw = with_options(read_yaml(find_scenario("space-robot")), {"view": {"camera": [1, 2, 3], "ground": None}})
-    view = validate(raw, "mine.yaml").view
-    assert view == View(camera=[1.0, 2.0, 3.0], ground=None)
+    assert validate(raw, "mine.yaml").view == View(camera=[1.0, 2.0, 3.0], ground=None)
 
 
 def test_a_default_of_a_file_is_that_of_its_class():
