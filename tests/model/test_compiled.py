@@ -5,7 +5,6 @@ import os
 import subprocess
 import sys
 from copy import deepcopy
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -222,28 +221,6 @@ def test_an_evaluator_is_made_again_from_its_data():
     expected = state.A_star_dot.copy()
     np.testing.assert_allclose(deepcopy(state).A_star_dot, expected, rtol=1e-12, atol=1e-15)
     assert not {"arrays_at_q", "arrays_at_v"} & vars(deepcopy(state)).keys()
-
-
-@needs_library
-def test_rows_that_were_compared_are_not_compared_again(monkeypatch):
-    """Velocities ``W v`` have constant rows; other outputs are new."""
-    reduced = tiago()
-    data, compared = reduced.reduction_data, []
-    monkeypatch.setattr("rnc_pin.model.evaluator._difference", lambda found: compared.append(found.data) or 0.0)
-    entries = data.in_entries(range(data.r))
-    assert entries.varies_as(data)
-    assert evaluator_for(entries, reduced.evaluator).kernel
-    assert not compared
-    other = replace(data, vertical=type(data.vertical)([rnc.FramePosition(tiago_frame(reduced)).bind(data.robot)]))
-    assert not other.varies_as(data)
-    evaluator_for(other, reduced.evaluator)
-    evaluator_for(entries)
-    evaluator_for(entries, Evaluator(data))
-    assert compared == [other, entries, entries]
-
-
-def tiago_frame(reduced):
-    return reduced.robot.model.frames[-1].name
 
 
 @pytest.mark.parametrize("arrays", [CompiledArraysAtQ, CompiledArraysAtV])

@@ -12,7 +12,6 @@ import urdf_parts
 from bodies import add_body
 from refusals import refused
 from rnc_pin.model.reduction_data import best_entries
-from rnc_pin.model.relative_rows import is_loose
 from rnc_pin.robots.sources.description import Mimic
 from systems import rolling_base, space_robot, tiago
 from textbook_systems import Bound, Flat, Turning, coupling, sliders
@@ -208,18 +207,6 @@ def test_joints_that_should_mimic_others_are_told():
         rnc.NonholonomicSystem(robot, [Bound(Flat([[0.0, 1.0, 0.0]], ["coupling(c, a)"], holonomic=(False,)))])
 
 
-def test_a_row_is_loose_where_rows_of_some_sample_do_not_say_it():
-    rows = np.array([[[1.0, 0, 0], [0, 2.0, 0]]] * 2)
-    for scale in (3.0, 1e-5):
-        for off, loose in ((0.9e-6, False), (1.1e-6, True), (0.0, False)):
-            row = scale * np.array([0.6, -0.8, off])
-            assert is_loose(row, rows) == loose
-    rows[1, 1] = 0.0
-    assert is_loose(np.array([0.6, -0.8, 0.0]), rows)
-    assert not is_loose(np.array([0.6, 0.0, 0.0]), rows)
-    assert is_loose(np.array([0.6, 0.0, 0.0]), np.zeros((1, 0, 3)))
-
-
 def test_a_row_that_is_no_number_is_named_with_the_configuration():
     robot = sliders()
 
@@ -236,22 +223,6 @@ def test_a_row_that_is_no_number_is_named_with_the_configuration():
         with pytest.raises(rnc.ConstraintError) as told:
             rnc.NonholonomicSystem(robot, [rows])
         assert str(told.value) == f"constraint row '{name}' is not finite at q = {np.round(first, 4).tolist()}"
-
-
-def test_samples_end_with_the_neutral_configuration():
-    """If that can be assembled, and rows of loops have the rank there that they have elsewhere."""
-    robot = sliders()
-    offset = rnc.NonholonomicSystem(robot, [rnc.JointCoupling("b", "a", 2.0, 0.3)])._samples
-    np.testing.assert_allclose(offset[:, 1] - 2 * offset[:, 0], 0.3)
-    assert len(offset) == 13
-
-    class Flattened(Flat):
-        def jacobian(self, at):
-            lost = (np.abs(at.q[..., 2]) < 1e-9)[..., None, None]
-            return np.where(lost, self.matrix[[0, 0]], self.matrix)
-
-    flat = Flattened(np.eye(3)[:2], ["one", "two"], gap=lambda q: q[..., :2])
-    assert len(rnc.NonholonomicSystem(robot, [Bound(flat)])._samples) == 12
 
 
 def test_outputs_that_are_dependent_everywhere_are_named():
