@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
@@ -101,8 +101,7 @@ class LimitReplay:
         excesses: excess (N, u) of each limit in ``uses`` over time, as a share of its range.
         within: distance up to which distances are exact [m].
         tolerance: tolerance of the distances in ``clearances`` [m]; zero without collision geometry.
-        curves: distances over time, measured when they are asked for; None without collision geometry.
-        pairs: numbers of the pairs in ``clearances``, for the curves.
+        curves: measurement of ``distances``, which takes long; None without collision geometry.
     """
 
     uses: tuple[LimitUse, ...]
@@ -112,15 +111,12 @@ class LimitReplay:
     excesses: np.ndarray
     within: float
     tolerance: float = 0.0
-    curves: Callable[[np.ndarray], np.ndarray] | None = field(default=None, repr=False)
-    pairs: tuple[int, ...] = ()
+    curves: Callable[[], np.ndarray] | None = field(default=None, repr=False)
 
     @cached_property
     def distances(self) -> np.ndarray:
         """Distances (N, k) of the pairs in ``clearances`` over time [m]. Beyond ``within`` they are lower bounds."""
-        if self.curves is None:
-            return np.zeros((len(self.time), 0))
-        return self.curves(np.array(self.pairs, dtype=int))
+        return np.zeros((len(self.time), 0)) if self.curves is None else self.curves()
 
     def __getstate__(self) -> dict[str, object]:
         """State with the curves themselves: what measures them takes long to build again."""
@@ -241,10 +237,12 @@ def replay_limits(
         checked, trajectory.time, trajectory.q, within, samples=every, exact=exact
     )
     smallest = measured.smallest
-    near = tuple(int(k) for k in np.argsort(smallest, kind="stable") if smallest[k] < within)
+    # Stable: pairs at one distance keep their order, so that equal runs have equal reports.
+    near = [k for k in np.argsort(smallest, kind="stable").tolist() if smallest[k] < within]
     clearances = tuple(_clearance(checked, measured, k) for k in near)
-    accuracy = within, measured.tolerance
-    return LimitReplay(uses, clearances, omitted, time, excesses, *accuracy, measured.curves, near)
+    # Curves of many pairs take longer than the smallest distances, and only figures show them.
+    curves = partial(measured.curves, np.array(near, dtype=int))
+    return LimitReplay(uses, clearances, omitted, time, excesses, within, measured.tolerance, curves)
 
 
 def obstacles_passed(
@@ -350,7 +348,7 @@ def _efforts(robot: Robot, run: RunData, others: Mapping[str, float]) -> Iterato
             continue
         place = robot.velocity_indices(name)
         limit = float(limits[place.start])
-        # A limit of zero counts if the file lets the joint move: a passive joint. A file without limits has zeros
+        # A limit of zero counts if the file lets the joint move: a passive joint. Files without limits have zeros
         # everywhere.
         is_stated = limit > 0 or (limit == 0 and len(stated) > 0 and robot.model.upperVelocityLimit[place.start] > 0)
         if place.stop - place.start == 1 and is_stated and limit < NO_LIMIT:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
+import scipy
 
 from rnc_pin import control
 from rnc_pin.analysis import Grip, LiftOff, NormalForces, first_lift_off
@@ -306,19 +307,16 @@ def friction_demand(rollout: RolloutEvaluation, grip: Grip) -> FrictionDemand:
 
 def _least_time_scale(used: Callable[[float], float], guess: float) -> float:
     """Smallest time scale s with ``used(s) <= 1``. The guess is exact if only inertial forces act."""
-    guess = min(guess, _LARGEST_TIME_SCALE)
-    low, high = 1.0, guess
-    if abs(used(guess) - 1.0) < 1e-9:
-        return float(guess)
-    # Slower motions need less friction, down to what gravity needs at rest: bracket the limit, then halve.
+    high = min(guess, _LARGEST_TIME_SCALE)
+    rounding = 1e-9
+    if abs(used(high) - 1.0) < rounding:
+        return float(high)
+    # Slower motions need less friction, down to what gravity needs at rest.
     while used(high) > 1.0:
         if high >= _LARGEST_TIME_SCALE:
             return np.inf
-        low, high = high, min(2 * high, _LARGEST_TIME_SCALE)
-    while high - low > _CLOSE * low:
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if used(middle) > 1.0 else (low, middle)
-    return float(high)
+        high = min(2 * high, _LARGEST_TIME_SCALE)
+    return float(scipy.optimize.brentq(lambda s: used(s) - 1.0, 1.0, high, rtol=rounding))
 
 
 @printed()

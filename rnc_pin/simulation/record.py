@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from itertools import accumulate
 
 import numpy as np
@@ -16,9 +16,13 @@ from rnc_pin.plants.plant import PlantReport
 
 GOALS = ("v2_desired", "x1_desired", "x2_desired")
 """Arrays with the goals of a sample, NaN without one."""
-_OPTIONAL = (
-    "estimates", "prediction_error", "v_measured", "friction_used", "slip_speed", "normal_forces", "contact_forces",
-)  # fmt: skip
+_STATED = tuple(
+    name
+    for name, none in PlantReport._field_defaults.items()
+    if isinstance(none, Mapping) and not name.endswith("_units")
+)
+"""Fields of a report with numbers by name: each is an array of the run."""
+_OPTIONAL = ("estimates", "prediction_error", "v_measured", *_STATED)
 _SILENT = PlantReport()
 _BLOCK = 1000  # largest number of samples in a block
 _ROOM = 16e6  # memory for the matrices of a block [bytes]
@@ -141,14 +145,10 @@ class Record:
         # One call for all columns: samples are recorded while the loop waits.
         row[0], row[1] = t, report.work
         np.concatenate((state.q, state.v, state.v2, x1, x2, state.v1, T, integrals, *goals), out=row[2:])
-        stated = report.friction_used, report.slip_speed, report.normal_forces, report.contact_forces
-        optional = (
-            command.estimates,
-            command.prediction_error,
-            v_measured,
-            *([*each.values()] or None for each in stated),
-        )
+        stated = ([*getattr(report, name).values()] for name in _STATED)
+        optional = command.estimates, command.prediction_error, v_measured, *stated
         for name, value in zip(_OPTIONAL, optional, strict=True):
+            # Most plants and controllers tell nothing here: their runs have arrays without columns.
             if value is None or not np.size(value):
                 continue
             if not self.arrays[name].shape[1]:  # the first sample that has it: those before have NaN

@@ -204,12 +204,17 @@ def tracking_errors(trajectory: RunData) -> dict[str, np.ndarray]:
     return errors
 
 
+SERIES_UNITS = {
+    "time": "s", "energy": "J", "work": "J", "constraint_residual": "m/s or rad/s", "position_residual": "m or rad",
+    "singular_value": "-",
+}  # fmt: skip
+"""Arrays of one number a sample, and their units."""
 _ARRAYS = tuple(each.name for each in fields(RunData) if each.name not in ("info", "grounds"))
 
 
 def _check(arrays: dict[str, np.ndarray], outputs: OutputNames) -> None:
     for name, array in arrays.items():
-        depth = 1 if name in _SERIES else 2
+        depth = 1 if name in SERIES_UNITS else 2
         if array.dtype.kind != "f" or array.ndim != depth or len(array) != arrays["time"].size:
             raise ConfigurationError(f"'{name}' has shape {array.shape}")
     for kind in ("x1", "x2"):
@@ -231,6 +236,3 @@ def _check(arrays: dict[str, np.ndarray], outputs: OutputNames) -> None:
         raise ConfigurationError("it holds values that are not finite")
     if (np.diff(arrays["time"]) < 0).any():
         raise ConfigurationError("its time runs backwards")
-
-
-_SERIES = ("time", "energy", "work", "constraint_residual", "position_residual", "singular_value")

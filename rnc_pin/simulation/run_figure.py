@@ -22,7 +22,6 @@ from rnc_pin.figures.panel import AXIS_NAMES, INTEGRAL_NAMES, MAX_LINES, Labels,
 from rnc_pin.figures.panel_figure import PlaneView, panel_figure
 from rnc_pin.figures.style import LegendEntry
 from rnc_pin.simulation.run_data import PLOTTED_QUANTITIES, TOP_VIEW, RunData, tracking_errors
-from rnc_pin.simulation.run_info import Columns
 
 _ALL = slice(None)
 _SAME_PATH = 1e-3  # largest distance between two paths that count as one, over the extent
@@ -222,7 +221,9 @@ def output_panels(run: RunData, others: Others, names: Sequence[str] | None = No
         found = sorted(every, key=lambda name: name not in run.info.goals)
     shown = []
     for axis, group in _grouped_by(found, lambda name: _axis(run, name)):
-        most, note = (group, "") if names is not None else _largest_ranges(group, lambda name: _of(run, name), others)
+        most, note = group, ""
+        if names is None:
+            most, note = _largest_ranges(group, lambda name: _Output.of(run, name).values(run), others)
         shown += _panels_of_outputs(run, others, axis, most, note)
     return shown
 
@@ -285,18 +286,28 @@ def _in_si(unit: str) -> tuple[float, str]:
 # ---------------------------------------------------------------------- outputs
 
 
-def _find_output(run: RunData, name: str) -> tuple[str, Columns, int]:
-    place = run.info.outputs.find(name)
-    if place is None:
-        raise KeyError(name)
-    return place[0], run.info.outputs.of(place[0]), place[1]
+class _Output(NamedTuple):
+    """Output of a run: its array, "x1" or "x2", and its column there."""
 
+    kind: str
+    column: int
+    unit: str
+    is_integral: bool
+    is_rotation: bool
 
-def _of(run: RunData, name: str) -> np.ndarray:
-    """Values of an output, (N,)."""
-    kind, _, column = _find_output(run, name)
-    values: np.ndarray = getattr(run, kind)[:, column]
-    return values
+    @classmethod
+    def of(cls, run: RunData, name: str) -> _Output:
+        """Output with this name, which the run has."""
+        found = run.info.outputs.find(name)
+        assert found is not None
+        (kind, k), columns = found, run.info.outputs.of(found[0])
+        rotates = any(start <= k < start + 3 for start in columns.rotations)
+        return cls(kind, k, columns.units[k], columns.is_integral(k), rotates)
+
+    def values(self, run: RunData, suffix: str = "") -> np.ndarray:
+        """Values (N,) in a run with the same outputs; with the suffix "_desired" their goals."""
+        values: np.ndarray = getattr(run, self.kind + suffix)[:, self.column]
+        return values
 
 
 def _largest_ranges(names: Sequence[str], values: Callable[[str], np.ndarray], others: Others) -> tuple[list[str], str]:
@@ -308,16 +319,10 @@ def _largest_ranges(names: Sequence[str], values: Callable[[str], np.ndarray], o
     return [name for name in names if name in most], f"{count} of {len(names)}, moving most"
 
 
-def _is_integral(run: RunData, name: str) -> bool:
-    _, columns, column = _find_output(run, name)
-    return columns.is_integral(column)
-
-
 def _axis(run: RunData, name: str) -> _Axis:
     """Axis of an output."""
-    _, columns, column = _find_output(run, name)
-    unit, integral = columns.units[column], _is_integral(run, name)
-    if any(start <= column < start + 3 for start in columns.rotations):
+    *_, unit, integral, rotates = _Output.of(run, name)
+    if rotates:
         return _Axis("rotation vector", unit)
     names = INTEGRAL_NAMES if integral else AXIS_NAMES
     return _Axis(names.get(unit, "integral" if integral else "value"), unit or "-")
@@ -337,14 +342,11 @@ def _lines_per_panel(others: Others) -> int:
 
 def _panels_of_outputs(run: RunData, others: Others, axis: _Axis, names: Sequence[str], note: str = "") -> list[Panel]:
     def series(name: str) -> Series:
-        kind, _, column = _find_output(run, name)
-        desired = getattr(run, f"{kind}_desired")[:, column] if name in run.info.goals else None
-        compared = {
-            each: getattr(other, kind)[:, column]
-            for each, other in others.items()
-            if _has_same_outputs(other, run, kind)
-        }
-        return Series(name, _of(run, name), desired, compared, is_integral=_is_integral(run, name))
+        output = _Output.of(run, name)
+        desired = output.values(run, "_desired") if name in run.info.goals else None
+        alike = {each: other for each, other in others.items() if _has_same_outputs(other, run, output.kind)}
+        compared = {each: output.values(other) for each, other in alike.items()}
+        return Series(name, output.values(run), desired, compared, is_integral=output.is_integral)
 
     room = _lines_per_panel(others)
     parts = [list(names)]
@@ -361,7 +363,7 @@ def _has_same_outputs(other: RunData, run: RunData, kind: str) -> bool:
 def _rates(run: RunData, others: Others) -> list[Panel]:
     """Panels of the quasi-velocities, whose integrals are not coordinates of the robot."""
     columns = run.info.outputs.x2
-    names = [name for name in columns.names if _is_integral(run, name)]
+    names = [name for column, name in enumerate(columns.names) if columns.is_integral(column)]
     alike = {label: other for label, other in others.items() if _has_same_outputs(other, run, "x2")}
 
     def series(name: str) -> Series:
@@ -381,15 +383,14 @@ def _errors(run: RunData, others: Others) -> list[Panel]:
     """Panels of the tracking errors by unit; of many errors only the largest."""
     errors = tracking_errors(run)
     compared = {label: tracking_errors(other) for label, other in others.items()}
-    units = {name: _find_output(run, name)[1].units[_find_output(run, name)[2]] for name in errors}
     found = []
-    for unit, names in _grouped_by(errors, lambda name: units[name]):
+    for unit, names in _grouped_by(errors, lambda name: _Output.of(run, name).unit):
         room = _lines_per_panel(others)
         largest = sorted(names, key=lambda name: -float(np.nanmax(np.abs(errors[name]), initial=0.0)))[:room]
         series = []
         for name in [name for name in names if name in largest]:
             shown = {label: _magnitude(other[name]) for label, other in compared.items() if name in other}
-            integral = _is_integral(run, name)
+            integral = _Output.of(run, name).is_integral
             series.append(Series(name, _magnitude(errors[name]), None, shown, is_integral=integral))
         # Values far below the errors are only sign changes, so the axis begins above them.
         bottom = max(_MIN_ERROR, 1e-4 * min(float(np.nanmax(each.values, initial=0.0)) for each in series))

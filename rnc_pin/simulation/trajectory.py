@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property
@@ -16,7 +15,7 @@ import numpy as np
 from rnc_pin.errors import ConfigurationError, InputError, RncError, nearest
 from rnc_pin.io.json import atomic_file, dump_json
 from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin
-from rnc_pin.simulation.run_data import RunData
+from rnc_pin.simulation.run_data import SERIES_UNITS, RunData
 from rnc_pin.simulation.run_info import FORCE_UNITS, OutputNames, RunInfo
 from rnc_pin.verdict import Verdict
 
@@ -181,9 +180,16 @@ def export_run(run: RunData, path: str | Path, arrays: Sequence[str] | None = No
     for name in chosen:
         if name not in known:
             raise InputError(f"arrays: the run has no '{name}'{nearest(name, known)}")
-    columns = {name: columns_of_array(run, name) for name in chosen}
-    with atomic_file(path, replace) as partial:
-        _write_table(partial, run, columns)
+    headers = [
+        f"{name}{each.name and '.' + each.name}{each.unit and f' [{each.unit}]'}"
+        for name in chosen
+        for each in columns_of_array(run, name)
+    ]
+    with atomic_file(path, replace) as partial, partial.open("w", encoding="utf-8", newline="") as file:
+        # By the library: names of a user's outputs may have commas and quotes.
+        csv.writer(file, lineterminator="\n").writerow(headers)
+        # 17 digits give every float back to the bit.
+        np.savetxt(file, np.column_stack([getattr(run, name) for name in chosen]), fmt="%.17g", delimiter=",")
     return path
 
 
@@ -196,12 +202,10 @@ def columns_of_array(run: RunData, array: str) -> list[Column]:
     """
     values, info = getattr(run, array), run.info
     if values.ndim == 1:
-        return [Column("", _SERIES_UNITS[array])]
+        return [Column("", SERIES_UNITS[array])]
     found = _named(info, array)
-    count: int = values.shape[1]
-    if len(found) != count:  # a run that was made by hand may have no names
-        return [Column(str(k), "") for k in range(count)]
-    return found
+    # A run that was made by hand may have no names.
+    return found if len(found) == values.shape[1] else [Column(str(k), "") for k in range(values.shape[1])]
 
 
 def _named(info: RunInfo, array: str) -> list[Column]:
@@ -238,27 +242,3 @@ def _units(outputs: OutputNames, array: str) -> list[str]:
 
 
 _CONSTANT_UNITS = {"friction_used": "-", "slip_speed": "m/s", "normal_forces": "N"}
-_SERIES_UNITS = {
-    "time": "s",
-    "energy": "J",
-    "work": "J",
-    "constraint_residual": "m/s or rad/s",
-    "position_residual": "m or rad",
-    "singular_value": "-",
-}
-
-
-def _header(array: str, column: Column) -> str:
-    name = f"{array}.{column.name}" if column.name else array
-    return f"{name} [{column.unit}]" if column.unit else name
-
-
-def _write_table(path: Path, run: RunData, columns: dict[str, list[Column]]) -> None:
-    """Write one row of headers, and a row per sample with all digits."""
-    header = io.StringIO()
-    names = [_header(array, each) for array, found in columns.items() for each in found]
-    csv.writer(header, lineterminator="\n").writerow(names)
-    table = np.column_stack([getattr(run, array) for array in columns])
-    with path.open("w", encoding="utf-8", newline="") as file:
-        file.write(header.getvalue())
-        np.savetxt(file, table, fmt="%.17g", delimiter=",")
