@@ -3,7 +3,7 @@
 import numpy as np
 
 import rnc_pin as rnc
-from rnc_pin.control import JacobianTransposeController, PositionGains, PositionTracker, effective_inertia
+from rnc_pin.control import JacobianTransposeController, PositionTracker, design_position_gains, effective_inertia
 from rnc_pin.motion.planning import MinimumJerk
 from rnc_pin.visualization.recording import Recording
 
@@ -15,7 +15,7 @@ reduced = system.reduce([rnc.FramePosition("tip", "xy"), rnc.JointPosition("join
 q0 = robot.configuration({"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1})
 _, x2 = reduced.at(q0).outputs()
 dt, tip, active = 0.002, np.array([0, 1]), ["joint_2", "joint_3"]
-gains = PositionGains.scaled(effective_inertia(reduced, q0, tip, active)[None], dt)
+gains = design_position_gains(lambda q: effective_inertia(reduced, q, tip, active), q0, dt)
 tracker = PositionTracker(MinimumJerk(x2[tip], [1.15, 0.6], duration=4.0), gains, outputs=tip)
 controller = JacobianTransposeController(reduced, tracker, active)
 

@@ -4,12 +4,12 @@ import numpy as np
 
 import rnc_pin as rnc
 from rnc_pin.control import (
-    PositionGains,
     PositionTracker,
     SplitController,
     UnicycleStabilizer,
-    VelocityGains,
     VelocityTracker,
+    design_position_gains,
+    design_velocity_gains,
 )
 from rnc_pin.motion.planning import MinimumJerk
 from rnc_pin.visualization.recording import Recording
@@ -29,10 +29,10 @@ hand, platform = np.array([0, 1]), np.array([2, 3])  # their places in x2
 dt = 0.004  # sampling period [s]
 q0 = robot.configuration({"root_joint": (-1.6, 0.4, 0.2), "joint_1": 0.4, "joint_2": -1.4})
 _, x2 = reduced.at(q0).outputs()
-H = reduced.at(q0).H[None]
-tracker = PositionTracker(MinimumJerk(x2[hand], [0.0, 0.0], 3.0), PositionGains.scaled(H[:, :2, :2], dt))
+gains = design_position_gains(lambda q: reduced.at(q).H[:2, :2], q0, dt)
+tracker = PositionTracker(MinimumJerk(x2[hand], [0.0, 0.0], 3.0), gains)
 stabilizer = UnicycleStabilizer(goal=(-1.3, 0.0, 0.0), position=np.array([0, 1]), begin=4.0, k=0.4, rate=1.0)
-drive = VelocityTracker(stabilizer, VelocityGains.scaled(reduced, q0[None], dt, outputs=platform))
+drive = VelocityTracker(stabilizer, design_velocity_gains(reduced, q0, dt, outputs=platform))
 controller = SplitController([(tracker, hand), (drive, platform)], reduced.r)
 
 run = rnc.simulate(reduced, controller, q0, duration=17.0, dt=dt)

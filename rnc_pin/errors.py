@@ -169,7 +169,7 @@ class InfeasibleError(ConfigurationError):
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
         >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
         >>> try:
-        ...     rnc.control.VelocityGains.scaled(system.reduce(), robot.configuration(), dt=0.5)
+        ...     rnc.control.design_velocity_gains(system.reduce(), robot.configuration(), dt=0.5)
         ... except rnc.InfeasibleError as error:
         ...     print(str(error).partition(":")[0])
         no velocity gains suit this region

@@ -88,7 +88,18 @@ _SCALED = GainDesign()
 
 
 class TrackerGains:
-    """Gains of an adaptive tracker."""
+    """Gains of an adaptive tracker.
+
+    Raises:
+        ConfigurationError: a gain is not a finite number of at least 0, or an array of them.
+    """
+
+    def __post_init__(self) -> None:
+        for name, gain in vars(self).items():
+            values = np.asarray(gain)
+            # Modes are directions of any sign; a negative gain would drive the robot away from its reference.
+            if name != "modes" and (values.dtype.kind not in "fiu" or not (np.isfinite(values) & (values >= 0)).all()):
+                raise ConfigurationError(f"gain {name}: expected numbers of at least 0, found {short_text(gain)}")
 
     def describe(self) -> Description:
         """Return the gains by name; dead zone and modes only if there are some."""
@@ -117,71 +128,6 @@ class VelocityGains(TrackerGains):
     dead_zone: Gain = 0.0
     modes: np.ndarray | None = None
 
-    @classmethod
-    def scaled(
-        cls,
-        reduced: ReducedModel,
-        configurations: np.ndarray,
-        dt: float,
-        design: GainDesign = _SCALED,
-        *,
-        outputs: np.ndarray | None = None,
-        times: np.ndarray | None = None,
-    ) -> VelocityGains:
-        """Return gains ``K = bandwidth D`` for a typical inertia D over a region.
-
-        The method reads the model's inertia once, beforehand; the controller never reads it. The closed velocity loop
-        has rates ``eig(H^-1 K)``. They have to be slow for the sampling (rate times dt below
-        ``MAX_RATE_TIMES_PERIOD``) and fast for the outer loop (at least ``slowest``). These limits are a window for the
-        bandwidth; the default is its upper end.
-
-        Adaptation must be as fast as the force of gravity changes. Where gravity loads the outputs, its rate is 20/s,
-        or less with a delay. Use 30/s if gravity is large compared with the inertia, as at a light wrist.
-
-        D is the diagonal of H if this window is not empty: one gain for each output. Else D is a typical H itself, with
-        its modes. An arm needs this: the motion of one joint accelerates the others, so that H is far from diagonal.
-        Lemma 3 holds for the modes too, since they are fixed combinations of the reduced velocities.
-
-        A delay limits the rates too. The applied force is ``delay`` old, plus half a sample on average for the hold.
-        With ``age = delay + dt / 2``, ``edot = -rate e(t - age)`` has solutions ``exp(s t)`` with
-        ``s = -rate exp(-s age)``. The first solutions cross the imaginary axis at ``rate age = pi / 2``. The rates stay
-        below half of that, ``MAX_RATE_TIMES_DELAY = pi / 4``. The other half of the phase is for the outer loop and
-        for adaptation, which takes ``atan(beta / k / rate)``.
-
-        Args:
-            reduced: the model.
-            configurations: the region, (count, nq), e.g. along a roll-out of the reference.
-            dt: sampling period [s].
-            design: bandwidth, slowest rate, adaptation, delay and overrides.
-            outputs: indices of the reducing outputs of these gains; all by default.
-            times: times (count,) of the configurations [s], for error messages.
-
-        Raises:
-            InfeasibleError: the window is empty. The message gives its limits, and the configuration that causes it.
-            ConfigurationError: ``bandwidth`` is outside the window, or the delay is negative.
-        """
-        bandwidth, slowest, adaptation, delay = design.bandwidth, design.slowest, design.adaptation, design.delay or 0.0
-        combine = all(design.overrides.get(name) is None for name in ("k", "beta"))  # else gains of single outputs
-        _check_delay(delay)
-        region = np.atleast_2d(configurations)
-        H = reduced.at(region).H
-        H = H if outputs is None else H[:, outputs][:, :, outputs]
-        fastest = fastest_rate(dt, delay)
-        inertia = inertia_of_outputs(H)
-        low, high = inertia.window(slowest, fastest)
-        # Gains of single outputs are simpler to read and to override: modes only if there are none.
-        if low > high and combine:
-            inertia = inertia_of_modes(H)
-            low, high = inertia.window(slowest, fastest)
-        if low > high:
-            raise no_gains(reduced, region, times, inertia, slowest, dt, delay)
-        if bandwidth is not None and not low <= bandwidth <= high:
-            raise ConfigurationError(f"bandwidth {bandwidth:g} rad/s is outside the window {low:.3g} to {high:.3g}")
-        k = (high if bandwidth is None else bandwidth) * inertia.weights
-        if adaptation is None:
-            adaptation = adaptation_rate(gravity_loads(reduced, region, outputs), dt, delay)
-        return _override(cls(k=k, beta=adaptation * k, modes=inertia.modes), design)
-
 
 @printed(gamma="1/s", sigma="1/s")
 @dataclass(frozen=True)
@@ -205,42 +151,6 @@ class PositionGains(TrackerGains):
     sigma: NotNegative = 0.1
     dead_zone: Gain = 0.0
 
-    @classmethod
-    def scaled(
-        cls, inertia: np.ndarray, dt: float, gamma: float = 8.0, rate: float = 3.0, delay: float = 0.0
-    ) -> PositionGains:
-        """Return diagonal gains for the inertia over a region.
-
-        With ``k = kappa diag(H)`` the closed loop oscillates at ``omega^2 = kappa1 gamma^4 + kappa2 gamma^2``. The
-        filter damps this oscillation at about ``gamma``. The zero-order hold excites it at ``omega^2 dt / 4``: half of
-        omega^2 times the average age of inputs, half a sample. So omega^2 may be gamma / dt, or with a delay
-        ``gamma / (dt + 2 delay)``. The error then decays at ``rate = 2 kappa2 gamma^3 / omega^2``.
-
-        Args:
-            inertia: of the outputs over the region, (count, k, k).
-            dt: sampling period [s].
-            gamma: rate of the filter [1/s].
-            rate: decay rate of the error [1/s].
-            delay: time from a measurement to the force that answers it, without sampling [s].
-
-        Raises:
-            InfeasibleError: sampling is too slow for these rates; the message gives the limits.
-            ConfigurationError: the delay is negative.
-        """
-        _check_delay(delay)
-        diagonal, _, eigenvalues = inertia_of_outputs(inertia)
-        square = gamma / (dt + 2.0 * delay) * float(eigenvalues.min())
-        kappa2 = rate * square / (2.0 * gamma**3)
-        kappa1 = (square - kappa2 * gamma**2) / gamma**4
-        if kappa1 <= 0 or square < (4.0 * rate) ** 2 * float(eigenvalues.max()):
-            late = f" with a delay of {delay:g} s" if delay else ""
-            raise InfeasibleError(
-                f"no position gains suit this region: sampling every {dt:g} s{late} allows oscillations of "
-                f"{np.sqrt(square):.3g} rad/s, a decay rate of {rate:g}/s with gamma {gamma:g} needs "
-                "more; sample faster or choose a smaller rate"
-            )
-        return cls(k1=kappa1 * diagonal, k2=kappa2 * diagonal, gamma=gamma, beta=diagonal.copy())
-
 
 def design_velocity_gains(
     reduced: ReducedModel,
@@ -253,17 +163,35 @@ def design_velocity_gains(
 ) -> VelocityGains:
     """Return the gains of a velocity tracker: of a preset, or overrides in their place.
 
+    The preset "scaled" has gains ``K = bandwidth D`` for a typical inertia D over a region. It reads the model's
+    inertia once, beforehand; the controller never reads it. The closed velocity loop has rates ``eig(H^-1 K)``. They
+    have to be slow for the sampling (rate times dt below ``MAX_RATE_TIMES_PERIOD``) and fast for the outer loop (at
+    least ``slowest``). These limits are a window for the bandwidth; the default is its upper end.
+
+    Adaptation must be as fast as the force of gravity changes. Where gravity loads the outputs, its rate is 20/s, or
+    less with a delay. Use 30/s if gravity is large compared with the inertia, as at a light wrist.
+
+    D is the diagonal of H if this window is not empty: one gain for each output. Else D is a typical H itself, with its
+    modes. An arm needs this: the motion of one joint accelerates the others, so that H is far from diagonal. Lemma 3
+    holds for the modes too, since they are fixed combinations of the reduced velocities.
+
+    A delay limits the rates too. The applied force is ``delay`` old, plus half a sample on average for the hold. With
+    ``age = delay + dt / 2``, ``edot = -rate e(t - age)`` has solutions ``exp(s t)`` with ``s = -rate exp(-s age)``. The
+    first solutions cross the imaginary axis at ``rate age = pi / 2``. The rates stay below half of that,
+    ``MAX_RATE_TIMES_DELAY = pi / 4``. The other half of the phase is for the outer loop and for adaptation, which takes
+    ``atan(beta / k / rate)``.
+
     Args:
         reduced: the model; only "scaled" reads its inertia.
         configurations: region of the motion, (count, nq), e.g. of a kinematic roll-out of the reference.
         dt: sampling period [s].
-        design: preset and overrides.
+        design: preset, bandwidth, slowest rate, adaptation, delay and overrides.
         outputs: indices of the reducing outputs of these gains; all by default.
         times: times (count,) of the configurations [s], for error messages.
 
     Raises:
-        InfeasibleError: no gains fit both the inertia and the sampling.
-        ConfigurationError: an argument is not valid.
+        InfeasibleError: the window is empty. The message gives its limits, and the configuration that causes it.
+        ConfigurationError: ``bandwidth`` is outside the window, or another argument is not valid.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
@@ -275,16 +203,41 @@ def design_velocity_gains(
         >>> gains.k.shape, gains.sigma
         ((3,), 0.0)
     """
-    check_known(design.preset, OUTER_GAINS, "preset")
-    if design.preset == "scaled":
-        return VelocityGains.scaled(reduced, configurations, dt, design, outputs=outputs, times=times)
-    return _override(VelocityGains(), design)
+    delay = _checked(design)
+    if design.preset == "paper":
+        return _override(VelocityGains(), design)
+    bandwidth, slowest, adaptation = design.bandwidth, design.slowest, design.adaptation
+    region = np.atleast_2d(configurations)
+    H = reduced.at(region).H
+    H = H if outputs is None else H[:, outputs][:, :, outputs]
+    fastest = fastest_rate(dt, delay)
+    inertia = inertia_of_outputs(H)
+    low, high = inertia.window(slowest, fastest)
+    # Gains of single outputs are simpler to read and to override: modes only if there are none, or a gain is given.
+    if low > high and all(design.overrides.get(name) is None for name in ("k", "beta")):
+        inertia = inertia_of_modes(H)
+        low, high = inertia.window(slowest, fastest)
+    if low > high:
+        raise _no_gains(reduced, region, times, inertia, slowest, dt, delay)
+    if bandwidth is not None and not low <= bandwidth <= high:
+        raise ConfigurationError(f"bandwidth {bandwidth:g} rad/s is outside the window {low:.3g} to {high:.3g}")
+    # The upper end: the ball of errors shrinks as k grows (Lemma 3), and the window has room for the sampling.
+    k = (high if bandwidth is None else bandwidth) * inertia.weights
+    if adaptation is None:
+        adaptation = adaptation_rate(gravity_loads(reduced, region, outputs), dt, delay)
+    return _override(VelocityGains(k=k, beta=adaptation * k, modes=inertia.modes), design)
 
 
 def design_position_gains(
     inertia: Callable[[np.ndarray], np.ndarray], configurations: np.ndarray, dt: float, design: GainDesign = _SCALED
 ) -> PositionGains:
     """Return the gains of a position tracker: of a preset, or overrides in their place.
+
+    The preset "scaled" has gains ``k = kappa diag(H)``. The closed loop then oscillates at
+    ``omega^2 = kappa1 gamma^4 + kappa2 gamma^2``. The filter damps this oscillation at about ``gamma``. The zero-order
+    hold excites it at ``omega^2 dt / 4``: half of omega^2 times the average age of inputs, half a sample. So omega^2
+    may be gamma / dt, or with a delay ``gamma / (dt + 2 delay)``. The error then decays at
+    ``rate = 2 kappa2 gamma^3 / omega^2``, which is 3/s with ``gamma = 8/s``.
 
     Args:
         inertia: function that returns the inertia (..., k, k) of the outputs at configurations (..., nq). Only
@@ -294,13 +247,26 @@ def design_position_gains(
         design: preset, delay and overrides.
 
     Raises:
-        InfeasibleError: sampling is too slow for these rates.
+        InfeasibleError: sampling is too slow for these rates; the message gives the limits.
         ConfigurationError: an argument is not valid.
     """
-    check_known(design.preset, OUTER_GAINS, "preset")
-    if design.preset == "scaled":
-        return _override(PositionGains.scaled(inertia(configurations), dt, delay=design.delay or 0.0), design)
-    return _override(PositionGains(), design)
+    delay = _checked(design)
+    if design.preset == "paper":
+        return _override(PositionGains(), design)
+    gamma, rate = 8.0, 3.0  # [1/s]; the oscillation decays at gamma, before the error does at the rate
+    diagonal, _, eigenvalues = inertia_of_outputs(inertia(configurations))
+    # omega^2 of the slowest output; those with less inertia than typical oscillate faster.
+    square = gamma / (dt + 2.0 * delay) * float(eigenvalues.min())
+    kappa2 = rate * square / (2.0 * gamma**3)
+    kappa1 = (square - kappa2 * gamma**2) / gamma**4
+    if square < (4.0 * rate) ** 2 * float(eigenvalues.max()):
+        late = f" with a delay of {delay:g} s" if delay else ""
+        raise InfeasibleError(
+            f"no position gains suit this region: sampling every {dt:g} s{late} allows oscillations of "
+            f"{np.sqrt(square):.3g} rad/s, a decay rate of {rate:g}/s with gamma {gamma:g} needs more; sample faster"
+        )
+    scaled = PositionGains(k1=kappa1 * diagonal, k2=kappa2 * diagonal, gamma=gamma, beta=diagonal.copy())
+    return _override(scaled, design)
 
 
 _Gains = TypeVar("_Gains", VelocityGains, PositionGains)
@@ -310,24 +276,13 @@ def _override(gains: _Gains, design: GainDesign) -> _Gains:
     return replace(gains, **{name: value for name, value in design.overrides.items() if value is not None})  # type: ignore[arg-type]
 
 
-def check_gains(**gains: Gain) -> None:
-    """Raise an error unless gains, by name, are finite numbers, or arrays of them, that are not negative.
-
-    Args:
-        gains: gains by name.
-
-    Raises:
-        ConfigurationError: one is not.
-    """
-    for name, gain in gains.items():
-        values = np.asarray(gain)
-        if values.dtype.kind not in "fiu" or not (np.isfinite(values) & (values >= 0)).all():
-            raise ConfigurationError(f"gain {name}: expected numbers of at least 0, found {short_text(gain)}")
-
-
-def _check_delay(delay: float) -> None:
+def _checked(design: GainDesign) -> float:
+    """Delay of a design [s]; raise an error if its preset or its delay is not valid."""
+    check_known(design.preset, OUTER_GAINS, "preset")
+    delay = design.delay or 0.0
     if not 0 <= delay < np.inf:
         raise ConfigurationError(f"delay of a loop has to be a time [s], not negative, found {delay}")
+    return delay
 
 
 # ---------------------------------------------------------------------- typical inertia of a region
@@ -447,7 +402,7 @@ def adaptation_rate(is_loaded: bool, dt: float, delay: float) -> float:
     return max(1.0, min(under_gravity, largest_product / (delay + dt / 2))) if is_loaded else 1.0
 
 
-def no_gains(
+def _no_gains(
     reduced: ReducedModel,
     configurations: np.ndarray,
     times: np.ndarray | None,
@@ -456,16 +411,8 @@ def no_gains(
     dt: float,
     delay: float,
 ) -> InfeasibleError:
-    """Return the error that no velocity gains suit a region: where, which rows, and what would help.
-
-    Args:
-        reduced: the model.
-        configurations, times: region (count, nq) and its times (count,) [s], if it is a motion.
-        inertia: typical inertia, of modes unless gains are given for single outputs.
-        slowest: lowest accepted closed-loop rate [1/s].
-        dt, delay: sampling period, and delay without sampling [s].
-    """
-    at = reduced.at(np.atleast_2d(configurations))
+    """Error that no velocity gains suit a region: where, which rows, and what would help."""
+    at = reduced.at(configurations)
     values = np.atleast_1d(at.smallest_singular_value)
     singular = bool(values.min() < NEARLY_SINGULAR)
     # The cause is told where it is worst.

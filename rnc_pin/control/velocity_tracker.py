@@ -17,7 +17,7 @@ from rnc_pin.control.controller import (
     elapsed_time,
 )
 from rnc_pin.control.feedback import apply_dead_zone, leak, saturation_mask
-from rnc_pin.control.gain_design import VelocityGains, check_gains
+from rnc_pin.control.gain_design import VelocityGains
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.evaluation_results import Measurement
 
@@ -95,7 +95,6 @@ class VelocityTracker(DescribedMixin):
         check_target(target)
         self.target = target
         self.gains = VelocityGains() if gains is None else gains
-        check_gains(k=self.gains.k, beta=self.gains.beta, sigma=self.gains.sigma, dead_zone=self.gains.dead_zone)
         self.gravity_compensation = np.asarray(0.0 if gravity_compensation is None else gravity_compensation, float)
         self._dead_zone, self._offset = np.asarray(self.gains.dead_zone), self.gravity_compensation
         self._modes = S = self.gains.modes

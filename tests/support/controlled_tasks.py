@@ -110,4 +110,4 @@ def space_robot_task(duration=6.0, k3=2.0, k21=2.0):
 
 def gains_along(reduced, kinematic, q0, duration, dt=0.002, step=0.1):
     _, region = rnc.kinematic_rollout(reduced, kinematic, q0, duration, step)
-    return control.VelocityGains.scaled(reduced, region, dt)
+    return control.design_velocity_gains(reduced, region, dt)
