@@ -54,6 +54,7 @@ from .position_tracker import PositionState as PositionState
 from .position_tracker import PositionTracker as PositionTracker
 from .redundancy import Posture as Posture
 from .redundancy import RedundancyController as RedundancyController
+from .redundancy import SteeringController as SteeringController
 from .regressors import MomentumRegressor as MomentumRegressor
 from .regressors import UnknownMass as UnknownMass
 from .regressors import UnknownRadius as UnknownRadius
@@ -61,7 +62,6 @@ from .regressors import UnknownTrack as UnknownTrack
 from .regressors import WheelRegressor as WheelRegressor
 from .slithering import DrivenPath as DrivenPath
 from .slithering import SlitheringReference as SlitheringReference
-from .steering import SteeringController as SteeringController
 from .twist_controller import TwistController as TwistController
 from .unicycle_stabilizer import UnicycleStabilizer as UnicycleStabilizer
 from .velocity_tracker import TrackerState as TrackerState

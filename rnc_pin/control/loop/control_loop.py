@@ -88,7 +88,6 @@ class ControlLoop(ReprMixin):
         state: data of the loop between two steps; ``resume`` continues from it bit for bit.
         last: result of the last step of the controller; None before the first.
         limits: limits (p,) to which inputs are clipped; None if they are not.
-        guard: validity check of measurements.
         active_component: name of the component that was called last, for error messages.
 
     Raises:
@@ -114,7 +113,7 @@ class ControlLoop(ReprMixin):
         self.reduced, self.dt = admit_model(reduced), dt
         self.settings = LoopSettings.of_options(options)
         self._controller = admit_controller(controller)
-        self.guard = Guard(reduced, self.settings.max_speed, self._estimator())
+        self._observer = self._velocity_observer()
         self.limits = admit_limits(reduced, self.settings.limits)
         # A safe command stays within what actuators can do, even if the user switched the limits off.
         self._fallback_limits = reduced.actuation.limits if self.limits is None else self.limits
@@ -125,7 +124,7 @@ class ControlLoop(ReprMixin):
     def _settings(self) -> dict[str, object]:
         return {"reduced": self.reduced, "controller": self._controller, "dt": self.dt}
 
-    def _estimator(self) -> VelocityObserver | None:
+    def _velocity_observer(self) -> VelocityObserver | None:
         if self.settings.velocity == "measured":
             return None
         cutoff = 0.3 / self.dt if self.settings.cutoff is None else self.settings.cutoff
@@ -183,18 +182,18 @@ class ControlLoop(ReprMixin):
         if self.state.failed:
             return self._fallback_input(v)
         try:
-            valid = self.guard.check(self.state, t, q, v)
+            q, v_valid, motion = self._validated(t, q, v)
         except InvalidMeasurementError as problem:
             return self._reject(t, str(problem), v)
-        self.state = self.state._replace(motion=valid.motion)
+        self.state = self.state._replace(motion=motion)
         try:
-            return self.compute_input(t, self._evaluated(t, valid.q, valid.v), integrals).copy()
+            return self.compute_input(t, self._evaluated(t, q, v_valid), integrals).copy()
         except Exception as error:
             if self.settings.fallback == "raise":
                 raise
             reason = str(error) if isinstance(error, RncError) else f"{type(error).__name__}: {error}"
             self.state = self.state._replace(fault=printable(reason), failed=True)
-            return self._fallback_input(valid.v)
+            return self._fallback_input(v_valid)
 
     def compute_input(
         self, t: float, state: StateEvaluation, integrals: Float[Array, " r"] | None = None
@@ -275,6 +274,50 @@ class ControlLoop(ReprMixin):
             integrals: np.ndarray = before.integrals + state.J2 @ moved
             return integrals
         return np.asarray(before.integrals + 0.5 * elapsed * (before.v2 + state.v2))  # trapezoidal rule
+
+    # ------------------------------------------------------------------ measurements
+
+    def _validated(self, t: float, q: ArrayLike, v: ArrayLike | None) -> tuple[Array, Array, VelocityEstimate | None]:
+        """Normalized q, measured or estimated v, and the state of the estimate, of a raw measurement.
+
+        Its cost does not depend on the values.
+
+        Raises:
+            InvalidMeasurementError: the measurement is invalid.
+        """
+        before, largest = self.state, self.settings.max_speed
+        if not is_number(t):
+            raise InvalidMeasurementError(f"time is {t!r}, expected a finite number")
+        elapsed = None if before.time is None else t - before.time
+        if elapsed is not None and elapsed <= 0:
+            raise InvalidMeasurementError(f"time stands still or runs backwards: {t:g} s after {before.time:g} s")
+        model = self.reduced.robot.model
+        given = _numbers("q", q, model.nq)
+        unit: Array = pin.normalize(model, given)
+        # Rounded pairs and quaternions are normalized. Zeros or angles in their place are an error of a sensor.
+        unit_tolerance = 0.1
+        if not np.abs(unit - given).max(initial=0.0) < unit_tolerance:
+            raise InvalidMeasurementError("q holds a (cos, sin) pair or a quaternion that is not of unit length")
+        if elapsed is not None and before.q is not None:
+            # A jump is an error of a sensor: the observer would make a velocity of it, and the controller a force.
+            speed = np.abs(pin.difference(model, before.q, unit)).max(initial=0.0) / elapsed
+            if not speed < largest:
+                raise InvalidMeasurementError(
+                    f"q jumped: {speed:.3g} rad/s or m/s from the last one, expected less than {largest:g}"
+                )
+        if self._observer is not None:
+            if before.motion is None or elapsed is None:
+                motion = self._observer.start(unit)
+            else:
+                motion = self._observer.step(before.motion, unit, elapsed)
+            return unit, motion.v, motion
+        if v is None:
+            raise InvalidMeasurementError("v is missing: measure it, or use velocity='observer'")
+        v = _numbers("v", v, model.nv)
+        speed = np.abs(v).max(initial=0.0)
+        if not speed < largest:
+            raise InvalidMeasurementError(f"v reaches {speed:.3g} rad/s or m/s, expected less than {largest:g}")
+        return unit, v, None
 
     # ------------------------------------------------------------------ safe command
 
@@ -381,9 +424,6 @@ def _input_deficit(requested: np.ndarray, T: np.ndarray) -> np.ndarray | None:
 # ---------------------------------------------------------------------- measurements
 
 
-_UNIT_TOLERANCE = 0.1  # largest deviation of a (cos, sin) pair or quaternion from unit length
-
-
 class VelocityObserver:
     """Observer of position, velocity and acceleration from configurations, without lag at constant acceleration.
 
@@ -428,77 +468,6 @@ class VelocityObserver:
 
 class InvalidMeasurementError(Exception):
     """Invalid measurement; the message has the reason."""
-
-
-class ValidMeasurement(NamedTuple):
-    """Valid measurement, with the velocity estimate."""
-
-    q: Float[Array, " nq"]
-    """Configuration, with (cos, sin) pairs and quaternions normalized."""
-    v: Float[Array, " nv"]
-    """Measured or estimated velocity."""
-    motion: VelocityEstimate | None
-    """State of the velocity estimate; None if velocity is measured."""
-
-
-class Guard:
-    """Validity check of measurements. Its cost does not depend on their values.
-
-    Args:
-        reduced: model of the robot that is measured.
-        max_speed: largest valid speed, of v and of the difference of two configurations over time [rad/s, m/s].
-        estimator: velocity estimator; None if velocity is measured.
-    """
-
-    def __init__(self, reduced: ReducedModel, max_speed: float, estimator: VelocityObserver | None) -> None:
-        self._robot, self._max_speed, self._estimator = reduced.robot, max_speed, estimator
-
-    def check(self, before: LoopState, t: float, q: ArrayLike, v: ArrayLike | None) -> ValidMeasurement:
-        """Check a measurement and return it normalized.
-
-        Args:
-            before: state of the loop after the last step.
-            t: time [s].
-            q, v: raw measurement; v is ignored if the loop estimates velocity.
-
-        Raises:
-            InvalidMeasurementError: the measurement is invalid.
-        """
-        if not is_number(t):
-            raise InvalidMeasurementError(f"time is {t!r}, expected a finite number")
-        elapsed = None if before.time is None else t - before.time
-        if elapsed is not None and elapsed <= 0:
-            raise InvalidMeasurementError(f"time stands still or runs backwards: {t:g} s after {before.time:g} s")
-        q = self._unit(_numbers("q", q, self._robot.nq))
-        if elapsed is not None and before.q is not None:
-            # A jump is an error of a sensor: the observer would make a velocity of it, and the controller a force.
-            speed = np.abs(pin.difference(self._robot.model, before.q, q)).max(initial=0.0) / elapsed
-            if not speed < self._max_speed:
-                raise InvalidMeasurementError(
-                    f"q jumped: {speed:.3g} rad/s or m/s from the last one, expected less than {self._max_speed:g}"
-                )
-        if self._estimator is None:
-            return ValidMeasurement(q, self._velocity(v), None)
-        if before.motion is None or elapsed is None:
-            motion = self._estimator.start(q)
-        else:
-            motion = self._estimator.step(before.motion, q, elapsed)
-        return ValidMeasurement(q, motion.v, motion)
-
-    def _unit(self, q: Array) -> Array:
-        unit: Array = pin.normalize(self._robot.model, q)
-        if not np.abs(unit - q).max(initial=0.0) < _UNIT_TOLERANCE:
-            raise InvalidMeasurementError("q holds a (cos, sin) pair or a quaternion that is not of unit length")
-        return unit
-
-    def _velocity(self, v: ArrayLike | None) -> Array:
-        if v is None:
-            raise InvalidMeasurementError("v is missing: measure it, or use velocity='observer'")
-        v = _numbers("v", v, self._robot.nv)
-        speed = np.abs(v).max(initial=0.0)
-        if not speed < self._max_speed:
-            raise InvalidMeasurementError(f"v reaches {speed:.3g} rad/s or m/s, expected less than {self._max_speed:g}")
-        return v
 
 
 def _numbers(name: str, value: ArrayLike, size: int) -> Array:

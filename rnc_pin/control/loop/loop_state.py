@@ -7,9 +7,8 @@ no code. Before the loop resumes from it, the controller takes one trial step.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple, TypedDict
+from typing import NamedTuple, TypeAlias, TypedDict
 
 import numpy as np
 
@@ -190,16 +189,17 @@ def _is_number(value: object) -> bool:
 
 
 class _Packed(TypedDict, total=False):
-    """Value of a state in the JSON of a file: one of ``value``, ``number``, ``array``, ``mapping``, or a tuple."""
+    """Value of a state in the JSON of a file, unless it is a number, text or None: an array, a mapping, or a tuple."""
 
-    value: bool | int | str | None
-    number: str
-    """Name of the array that holds a float."""
     array: str
-    mapping: dict[str, _Packed]
-    items: list[_Packed]
+    """Name of the array in the file."""
+    mapping: dict[str, _Value]
+    items: list[_Value]
     kind: str
     """Type of the tuple of ``items``."""
+
+
+_Value: TypeAlias = "bool | int | float | str | _Packed | None"
 
 
 def write_state(state: LoopState, path: Path) -> None:
@@ -214,16 +214,17 @@ def write_state(state: LoopState, path: Path) -> None:
         np.savez_compressed(file, allow_pickle=False, **arrays, **{_STRUCTURE: np.array(structure)})
 
 
-def _pack(value: object, arrays: dict[str, Array], where: str) -> _Packed:
-    if value is None or isinstance(value, bool | int | str):
-        return {"value": value}
-    if isinstance(value, float | np.ndarray | np.generic):
+def _pack(value: object, arrays: dict[str, Array], where: str) -> _Value:
+    # JSON of Python has all digits of a float, and NaN and infinity: no bit is lost.
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, np.ndarray | np.generic):
         array = np.asarray(value)
         if array.dtype.kind not in "fiub":
             raise ConfigurationError(f"{where}: an array of {array.dtype} cannot be saved")
         name = f"a{len(arrays)}"
         arrays[name] = array
-        return {"number": name} if isinstance(value, float) else {"array": name}
+        return {"array": name}
     if isinstance(value, tuple):
         names = getattr(value, "_fields", range(len(value)))
         items = [_pack(each, arrays, f"{where}.{name}") for name, each in zip(names, value, strict=True)]
@@ -233,13 +234,9 @@ def _pack(value: object, arrays: dict[str, Array], where: str) -> _Packed:
     raise ConfigurationError(f"{where}: a {type(value).__name__} cannot be saved")
 
 
-def _unpack(content: _Packed, arrays: dict[str, Array], known: dict[str, type]) -> object:
-    if "value" in content:
-        if not isinstance(content["value"], bool | int | str | None):
-            raise ValueError(content)
-        return content["value"]
-    if "number" in content:
-        return arrays[content["number"]].item()
+def _unpack(content: _Value, arrays: dict[str, Array], known: dict[str, type]) -> object:
+    if not isinstance(content, dict):
+        return content
     if "array" in content:
         return arrays[content["array"]]
     if "mapping" in content:
@@ -259,29 +256,27 @@ def _collect(value: object, known: dict[str, type]) -> None:
         _collect(each, known)
 
 
-def _read_state(path: Path, initial_state: Callable[[Array], State]) -> tuple[LoopState, State]:
+def _read_state(path: Path, reduced: ReducedModel, controller: Controller) -> tuple[LoopState, State]:
     """Read a file of ``write_state``; also return the initial state of the controller at its configuration.
-
-    Args:
-        path: path of the file.
-        initial_state: function from a configuration to an initial state of the controller; its tuple types are allowed.
 
     Raises:
         ConfigurationError: the file does not exist, has another format, or holds tuples of another controller.
-        RncError: ``initial_state`` raises it at q.
+        RncError: the controller raises it at that configuration.
     """
     try:
         arrays = read_npz(path, text=[_STRUCTURE], largest=_MOST_BYTES)
-        structure = json.loads(str(arrays.pop(_STRUCTURE)))
         # The only types that a file can name: it may come from anywhere.
-        known: dict[str, type] = {each.__qualname__: each for each in (tuple, LoopState, LateTicks, VelocityEstimate)}
-        fields = dict(zip(LoopState._fields, structure["items"], strict=True))
-        q = _unpack(fields["q"], arrays, known)
+        known: dict[str, type] = {each.__qualname__: each for each in (tuple, LateTicks, VelocityEstimate)}
+        packed = json.loads(str(arrays.pop(_STRUCTURE)))["items"]
+        fields = dict(zip(LoopState._fields, packed, strict=True))
         initial: State = None
-        if q is not None:
-            initial = initial_state(q)  # type: ignore[arg-type]  # checked with the whole state
+        if fields["q"] is not None:
+            here = reduced.at(_unpack(fields["q"], arrays, known), v=np.zeros(reduced.n), t=0.0)
+            initial = controller.initial_state(here.measure(np.zeros(reduced.r)))
+            # The controller's own tuples are valid too: only it can tell their types.
             _collect(initial, known)
-        state = _unpack(structure, arrays, known)
+        found = {name: _unpack(each, arrays, known) for name, each in fields.items()}
+        return LoopState(**found), initial  # type: ignore[arg-type]  # ``check_state`` checks each field
     except FileNotFoundError:
         raise ConfigurationError(f"no file '{path}'") from None
     except ArchiveError as error:
@@ -292,9 +287,6 @@ def _read_state(path: Path, initial_state: Callable[[Array], State]) -> tuple[Lo
         raise
     except Exception:  # a broken file can hold any structure
         raise ConfigurationError(f"{path}: not the state of a loop") from None
-    if not isinstance(state, LoopState):
-        raise ConfigurationError(f"{path}: not the state of a loop")
-    return state, initial
 
 
 def restore(path: Path, reduced: ReducedModel, controller: Controller) -> LoopState:
@@ -308,13 +300,10 @@ def restore(path: Path, reduced: ReducedModel, controller: Controller) -> LoopSt
     Raises:
         ConfigurationError: the file does not exist, or its state does not fit this model and controller.
     """
-
-    def initial_state(q: Array) -> State:
-        return controller.initial_state(reduced.at(q, v=np.zeros(reduced.n), t=0.0).measure(np.zeros(reduced.r)))
-
     try:
-        state, initial = _read_state(path, initial_state)
+        state, initial = _read_state(path, reduced, controller)
         check_state(state, reduced)
+        # A controller that failed takes no further step, so its state is never used.
         if state.q is not None and not state.failed:
             _check_trial_step(state, reduced, controller, initial)
     except ConfigurationError:

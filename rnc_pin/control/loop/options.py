@@ -9,7 +9,7 @@ from typing import Literal, TypedDict, TypeVar
 import numpy as np
 
 from rnc_pin.array_shapes import Array, Float
-from rnc_pin.control.controller import Command, Controller, State, VelocityTarget
+from rnc_pin.control.controller import Command, Controller, State, VelocityTarget, check_known
 from rnc_pin.errors import ConfigurationError, DivergenceError, InputError, nearest
 from rnc_pin.model.input_validation import NotNegative, Positive, is_number, numbers_of
 from rnc_pin.model.reduced_model import ReducedModel
@@ -87,8 +87,8 @@ class LoopSettings:
         return cls(**options)
 
     def __post_init__(self) -> None:
-        check_choice("fallback", self.fallback, ("hold", "brake", "zero", "raise"))
-        check_choice("velocity", self.velocity, ("measured", "observer"))
+        check_known(self.fallback, ("hold", "brake", "zero", "raise"), "fallback of a loop")
+        check_known(self.velocity, ("measured", "observer"), "velocity of a loop")
         for name in ("max_speed", "cutoff", "timeout", "min_singular_value", "brake", "deadline"):
             value = getattr(self, name)
             if value is not None:
@@ -151,16 +151,6 @@ def check_number(option: str, value: object, zero: bool = False) -> None:
         return
     wanted = "a number that is not negative" if zero else "positive"
     raise ConfigurationError(f"{option} of a loop has to be {wanted}, found {value!r}")
-
-
-def check_choice(option: str, value: object, valid: tuple[str, ...]) -> None:
-    """Raise an error unless the value is valid.
-
-    Raises:
-        ConfigurationError: names the option and the valid values.
-    """
-    if value not in valid:
-        raise ConfigurationError(f"{option} of a loop: expected one of {', '.join(valid)}, found {value!r}")
 
 
 def unpack_step(answer: tuple[Command, State]) -> tuple[Command, State]:

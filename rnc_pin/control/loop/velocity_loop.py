@@ -10,16 +10,15 @@ import pinocchio as pin
 
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.actuator_velocity import ActuatorVelocityController, driven_joints, velocity_from_actuators
-from rnc_pin.control.controller import Controller, KinematicController
+from rnc_pin.control.controller import Controller, KinematicController, check_known
 from rnc_pin.control.loop.control_loop import ControlLoop
-from rnc_pin.control.loop.options import GuardOptions, LoopOptions, admit_controller, admit_model, check_choice
+from rnc_pin.control.loop.options import GuardOptions, LoopOptions, admit_controller, admit_model
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import printed
 
 _BASES = {"JointModelPlanar": (0, 1, 2), "JointModelFreeFlyer": (0, 1, 5)}
 """Entries of v that are the twist of a base joint."""
-_VELOCITIES = ("measured", "observer", "commanded")
 
 
 class BaseTwist(NamedTuple):
@@ -120,7 +119,7 @@ class VelocityLoop(VelocityInputLoop):
     ) -> None:
         admit_model(reduced)
         admit_controller(target)
-        check_choice("velocity", velocity, _VELOCITIES)
+        check_known(velocity, ("measured", "observer", "commanded"), "velocity of a loop")
         self._commanded = velocity == "commanded"
         measured = "measured" if velocity == "commanded" else velocity
         controller = ActuatorVelocityController(reduced, target, limits)

@@ -448,8 +448,8 @@ def test_an_observer_is_the_parabola_that_fits_the_fading_past_best():
 def test_options_that_are_none_are_refused():
     reduced, tracker = sleigh()
     for options, reason in (
-        ({"velocity": "guessed"}, "velocity of a loop: expected one of measured, observer"),
-        ({"fallback": "panic"}, "fallback of a loop: expected one of hold, brake, zero, raise"),
+        ({"velocity": "guessed"}, "velocity of a loop 'guessed' is not known; did you mean 'measured'"),
+        ({"fallback": "panic"}, "fallback of a loop 'panic' is not known; expected one of: hold, brake, zero, raise"),
         ({"limits": np.ones(5)}, "limits of a loop have to be 2 non-negative numbers"),
         ({"cutoff": -1.0, "velocity": "observer"}, "cutoff of a loop has to be positive"),
         ({"tmeout": 1.0}, "loop: no option 'tmeout'; did you mean 'timeout'"),
