@@ -65,6 +65,7 @@ def _arguments_of_runs(arguments: RunArguments) -> list[RunArguments]:
     if max(q0.ndim, v2_0.ndim) != 2 or len(counts) != 1 or counts == {0}:
         raise InputError(f"q0 has shape {q0.shape} and v2_0 {v2_0.shape}, expected one row for each run")
     (count,) = counts
+    # Copies: rows of a broadcast array share their memory, and nobody can write into them.
     q0, v2_0 = (np.array(np.broadcast_to(each, (count, each.shape[-1]))) for each in (q0, v2_0))
     return [arguments._replace(q0=q, v2_0=v2) for q, v2 in zip(q0, v2_0, strict=True)]
 
@@ -90,17 +91,21 @@ def _common_plant(arguments: RunArguments) -> ReducedPlant | None:
     """Plant whose motions can be computed together; None if runs have to be alone."""
     reduced, plant, options = arguments.reduced, arguments.plant, arguments.options
     data, special = reduced.reduction_data, (options.observer, options.stop.lift_off, options.loop)
+    # An observer and options of a loop belong to single samples, and lift-off is sought inside them.
     if any(special) or options.controller_state is not None or not _takes_rows(arguments.controller):
         return None
+    # The calls for many runs know no time, no right-hand side mu and no projection on holonomic rows.
     if not reduced.evaluator.measures or data.rheonomic or data.affine or reduced.assembly.size:
         return None
     moving = ReducedPlant(reduced) if plant is None else plant
+    # The class itself: a subclass may move in a way of its own.
     fits = type(moving) is ReducedPlant and moving.reduced is reduced and not moving.dissipates
     return moving if isinstance(moving, ReducedPlant) and fits else None
 
 
 def _takes_rows(controller: object) -> bool:
     """True if the formulas of a controller take a leading axis."""
+    # Kinds and not isinstance: a subclass may have a step that takes one state only.
     kind = type(controller)
     if isinstance(controller, VelocityTracker | ComputedTorque):
         return kind in (VelocityTracker, ComputedTorque) and _takes_rows(controller.target)
@@ -122,18 +127,21 @@ class _Batch:
         # A plant for each run: a run that needs a comparison or another chart takes that step alone.
         self._plants = [plant.twin() for _ in arguments]
         self._runs = [
+            # Room for one sample: all rows are handed over at the end.
             _started(number, run._replace(plant=own, samples=1))
             for number, (run, own) in enumerate(zip(arguments, self._plants, strict=True))
         ]
         calls = runs_of(self._reduced.evaluator)
         assert calls is not None  # see _common_plant
         self._calls, self._count = calls, 0
+        # One array for all runs and samples: a sample is written in one assignment.
         self._rows = np.empty((len(arguments), self._samples, self._runs[0].record.width))
         starts = [own.checkpoint() for own in self._plants]
         self._at = np.arange(len(arguments))  # numbers of the runs that are still regular
         self._q, self._y = (np.array([start[k] for start in starts]) for k in (0, 1))
         self._T = np.zeros((len(arguments), self._reduced.p))
         self._charts = np.array([start.chart for start in starts], dtype=object)
+        # The kernel takes a chart of its own for each run: they end at different times.
         self._chart_calls = np.array([_chart(each.evaluator) for each in self._charts], dtype=object)
         self._errors = tuple(np.array(each) for each in zip(*(start.errors for start in starts), strict=True))
         self._kinematics = np.empty((len(arguments), self._calls.kinematics_size))
@@ -172,9 +180,11 @@ class _Batch:
 
     def _sample(self, sample: int) -> None:
         """Measure, compute the inputs, and record."""
+        # Runs that leave do so here, before the controller sees their states.
         states = self._measured()
         t, integrals = sample * self._dt, self._plants[0].dynamics.integrals(self._y)
         measurement = states.measure(integrals)
+        # As a loop tells it: the controller learns what the limits took from its last inputs.
         if self._deficit is not None:
             force = apply(states.input_matrix, self._deficit)
             measurement = measurement._replace(input_deficit=self._deficit, force_deficit=force)
@@ -185,29 +195,34 @@ class _Batch:
         requested = states.allocate(command.F) if command.T is None else np.tile(command.T, (len(self._at), 1))
         # All twins have the same limits, so the first one clips for all.
         self._T = np.ascontiguousarray(self._plants[0].dynamics.saturate(requested))
+        # None where nothing is missing, as of a loop: the controller integrates as usual.
         self._deficit = None if (requested == self._T).all() else requested - self._T
         self._record(sample, states, command, (measurement.x1, measurement.x2, integrals))
 
     def _measured(self) -> StateEvaluation:
         """States of the runs; those that are not regular leave."""
         v, regular = np.zeros((len(self._at), self._reduced.n)), np.zeros(len(self._at))
+        # The bound of ``VelocityChart.velocity``, so that charts change where those of a run alone do.
         limit = self._reduced.r + MAX_GROWTH
         self._calls.velocities(tuple(self._chart_calls), self._q, self._y, limit, self._kinematics, v, regular)
         for place in np.flatnonzero(regular != 1.0).tolist():
             if self._single(place, lambda plant: plant.state):  # in another chart
                 regular[place], v[place] = 1.0, self._plants[self._at[place]].state.v
+        # The states keep their configurations, while those of the runs go on.
         q = self._q.copy()
         records = self._calls.measure(q, v, self._kinematics, regular)
         states = self._calls.states(q, v, records)
         regular[self._runs[0].stop.stopped(states)] = 0.0
         if (regular == 1.0).all():
             return states
+        # Rare, so the runs that stay are simply measured again.
         self._keep(regular == 1.0)
         return self._measured()
 
     def _record(self, sample: int, states: StateEvaluation, command: Command, known: tuple[Array, ...]) -> None:
         x1, x2, integrals = known
         given = (command.v2_desired, states.v2), (command.x1_desired, x1), (command.x2_desired, x2)
+        # NaN without a goal, as in the record of a run alone.
         goals = [
             np.full(like.shape, np.nan) if goal is None else np.broadcast_to(goal, like.shape) for goal, like in given
         ]
@@ -227,6 +242,7 @@ class _Batch:
             charts = tuple(self._chart_calls[which])
             q, y, T, kinematics = (each[which] for each in (self._q, self._y, self._T, self._kinematics))
             q, y, status, rough = self._calls.integrate(charts, RunStarts(q, y, T, kinematics), self._dt / steps, steps)
+            # The rule of ``ReducedPlant.advance``: a run beside others takes the steps of a run alone.
             before = IntegrationErrors._make(each[which] for each in self._errors)
             accepted, after = before.after(cast(float, rough), self._dt, self._plants[0].followed * self._dt)
             good = np.asarray(accepted) & (status == 1.0)
@@ -248,6 +264,7 @@ class _Batch:
             return False
         self._q[place], self._y[place], _, _, chart, errors = plant.checkpoint()
         self._charts[place], self._chart_calls[place] = chart, _chart(chart.evaluator)
+        # A comparison may have changed the number of substeps: the batch goes on with it.
         for all_runs, own in zip(self._errors, errors, strict=True):
             all_runs[place] = own
         return True
@@ -256,6 +273,7 @@ class _Batch:
         """Plant of a run in its present state."""
         plant = self._plants[self._at[place]]
         errors = IntegrationErrors._make(each[place].item() for each in self._errors)
+        # Copies, and no evaluated state: the batch goes on writing into its arrays.
         now = self._q[place].copy(), self._y[place].copy(), None, self._T[place].copy()
         plant.rollback(Checkpoint(*now, self._charts[place], errors))
         return plant

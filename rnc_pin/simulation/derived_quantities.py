@@ -47,6 +47,7 @@ def derive(record: Record, info: run_info.RunInfo) -> Trajectory:
     # An angle of a coordinate forgets full turns; the integral of its rate tells which turn it is in.
     signals["x1"] = x1.unwrap(signals["x1"], _integrated(signals["x1"], signals["v1"], time))
     about = _integrated(signals["x2"], signals["v2"], time)
+    # The loop integrated these while the plant moved: its sums know more than the samples.
     about[:, record.carries] = (signals["x2"][:1] + integrals)[:, record.carries]
     signals["x2"] = x2.unwrap(signals["x2"], about)
     goals = _goals(reduced, signals)
@@ -57,6 +58,7 @@ def derive(record: Record, info: run_info.RunInfo) -> Trajectory:
     forces = _Forces.of(record, switching=bool(info.phases))
     quantities = _quantities(record, forces, signals)
     # Forces that the plant states itself replace those of its model.
+    # Both leave the signals: without units the plant has stated nothing, and the derived forces stay.
     stated = {kind: signals.pop(kind) for kind in record.own_forces}
     quantities |= {kind: stated[kind] for kind, units in record.own_forces.items() if units}
     info = replace(info, outputs=_names(record, forces), goals=goals)
@@ -95,6 +97,7 @@ def columns_of(outputs: OutputStack) -> run_info.Columns:
     Args:
         outputs: vertical or reducing outputs of a model.
     """
+    # Units of outputs that are rates: a run has the integrals of quasi-velocities.
     units = tuple(unit.removesuffix("/s") for unit in outputs.units)
     angular, rotations = outputs.angular.tolist(), outputs.coordinates.rotations
     return run_info.Columns(
@@ -114,6 +117,7 @@ def versions() -> dict[str, str]:
 
 def _names(record: Record, forces: _Forces) -> run_info.OutputNames:
     """Names and units of the columns of all arrays."""
+    # A plant may have rows that the controller does not know; their units come from it.
     models = [record.reduced, *record.plant_models]
     own = [output_names(model) for model in dict.fromkeys(models)]
     units = {
@@ -181,7 +185,9 @@ class _Forces(NamedTuple):
     def of(cls, record: Record, switching: bool) -> _Forces:
         """Columns of the controller's model, or of all models of a plant whose contacts switch."""
         known = record.plant_models
+        # Contacts that switch have a model each: a run has the columns of all of them.
         models = list(dict.fromkeys([record.reduced, *known])) if switching else [record.reduced]
+        # Only of a known plant: the forces that hold the controller's model may not be those of the robot.
         normal = {model: NormalForces(model) for model in dict.fromkeys([*models, *known] if known else [])}
         return cls(
             _union(model.constraints.names for model in models),
@@ -277,6 +283,7 @@ def _free_evaluator(reduced: ReducedModel, entries: tuple[int, ...]) -> Evaluato
 
 def _by_name(wanted: Sequence[str], known: Sequence[str], values: Array, missing: float) -> Array:
     """Select columns of values (N, k) by name; those of unknown names have the value ``missing``."""
+    # The usual case, without a copy.
     if tuple(wanted) == tuple(known):
         return values
     columns = {name: column for column, name in enumerate(known)}
@@ -349,6 +356,7 @@ def ground_bodies(reduced: ReducedModel) -> tuple[GroundBody, ...]:
     # Two configurations tell what is fixed in a body: the points and axles that both of them show.
     turned = pin.integrate(model, neutral, np.random.default_rng(0).uniform(-0.4, 0.4, robot.nv))
     there = Kinematics(robot).position(turned)
+    # A planar base moves on the ground even if the model has no wheels under it.
     found: dict[int, list[tuple[_Contact, _Contact]]] = {
         joint: [] for joint in range(1, model.njoints) if "Planar" in model.joints[joint].shortname()
     }
@@ -356,6 +364,7 @@ def ground_bodies(reduced: ReducedModel) -> tuple[GroundBody, ...]:
     for mechanism in mechanisms:
         if not isinstance(mechanism, GroundContact) or mechanism.friction == "none":
             continue
+        # Both or none: a wheel that lies flat at one of them has no point to compare.
         contacts = [_contact(mechanism, robot, position) for position in (here, there)]
         if contacts[0] is not None and contacts[1] is not None:
             joint = _carrier(model, data, contacts[0])
@@ -389,6 +398,7 @@ def _contact(contact: GroundContact, robot: Robot, at: PositionKinematics) -> _C
 def _carrier(model: pin.Model, data: pin.Data, contact: _Contact) -> int:
     """Joint of the vehicle body above a wheel, its fork and its steering."""
     joint = contact.joint
+    # Where the parent cannot turn, the wheel itself is the body: a disk that rolls alone.
     while _is_wheel_or_steering(model, data, joint, contact) and _turns(model, data, model.parents[joint]):
         joint = model.parents[joint]
     return joint
@@ -400,6 +410,7 @@ def _is_wheel_or_steering(model: pin.Model, data: pin.Data, joint: int, contact:
         return "Spherical" in kind.shortname()
     column = _jacobian(model, data, joint)[:, kind.idx_v]
     axis = column[3:]
+    # A sliding joint, such as that of a lift, neither rolls nor steers.
     if np.linalg.norm(axis) < _UPRIGHT:  # prismatic
         return False
     away = (contact.point - data.oMi[joint].translation)[:2]
@@ -430,6 +441,7 @@ def _body(
     points, fixed = [], []  # in the joint frame: contact points, and axles without steering
     for one, other in contacts:
         point = rotation.T @ (one.point - translation)
+        # A contact that moves in the body, such as one behind a steering axis, is no place to draw it at.
         if np.linalg.norm(point - turned.T @ (other.point - moved)) < _SAME:
             points.append(point)
         if one.lateral is not None and other.lateral is not None:
@@ -437,11 +449,13 @@ def _body(
             if np.linalg.norm(lateral - turned.T @ other.lateral) < _SAME:
                 fixed.append((point, lateral))
     left = _own_left(rotation)
+    # All of them: axles that cross each other have no common direction ahead.
     if fixed and all(np.linalg.norm(np.cross(fixed[0][1], lateral)) < _SAME for _, lateral in fixed):
         # Parallel axles that do not steer: the body faces across them, and its point is between them.
         points, left = [point for point, _ in fixed], _toward(fixed[0][1], rotation)
     elif contacts and all(one.lateral is None and one.joint == joint for one, _ in contacts):
         # A ball that rolls itself has no heading.
+        # NaN goes through to the heading, and a top view draws no mark.
         left = np.full(3, np.nan)
     name = next(iter(robot.links_of(joint)), str(robot.model.names[joint]))
     return GroundBody(name, joint, np.mean(points, axis=0) if points else np.zeros(3), left)
@@ -449,6 +463,7 @@ def _body(
 
 def _own_left(rotation: np.ndarray) -> np.ndarray:
     """Left unit vector of a body that faces along its own x axis, or along y if x is vertical."""
+    # A body whose x axis stands upright, such as a mast, would face nowhere.
     ahead = rotation[:, 0] if abs(rotation[2, 0]) < _UPRIGHT else rotation[:, 1]
     left = np.cross([0.0, 0.0, 1.0], ahead)
     return rotation.T @ (left / np.linalg.norm(left))

@@ -95,8 +95,10 @@ def free_motion(
     # Equations of its own: charts follow the motion, and the state of the plant must not change.
     model, dynamics = plant.reduced, ConstrainedDynamics(plant.reduced, plant.joint_damping, plant.actuator_limits)
     stop_monitor = StopMonitor(stop, model.robot)
+    # Of the plant's own model: there is no other one here.
     lift_off = LiftOffMonitor(model, model) if stop.lift_off else None
     feedback = inputs if callable(inputs) else None
+    # Clipped once, and not at each stage of the integrator.
     constant = dynamics.saturate(
         np.zeros(model.p) if inputs is None or callable(inputs) else numbers_of(inputs, "inputs")
     )
@@ -110,6 +112,7 @@ def free_motion(
         try:
             if feedback is None:
                 return dynamics.local_rate(q, x, constant)
+            # A feedback asks for the state of its stage, which is a displacement u from q.
             at = pin.integrate(model.robot.model, q, x[: model.n])
             return dynamics.local_rate(q, x, inputs_at(t, dynamics.in_reduction(at, x[model.n :])))
         except (SingularityError, DivergenceError):  # NaN makes the integrator shorten a step that leaves the chart
@@ -125,6 +128,7 @@ def free_motion(
     start = model.at(pin.normalize(model.robot.model, q), v2_0, t=0.0)
     _ = start.flow(inputs_at(0.0, start))  # raise errors of shape or singularity before the integration
     y0 = dynamics.initial(start.q, start.v)
+    # Even times that end at the duration exactly, also where it is no multiple of dt.
     times_of_samples = np.linspace(0.0, duration, round(duration / dt) + 1)
     record = Record(model, len(times_of_samples), dynamics.integrated)
     integrator = AdaptiveIntegrator(model.robot, local_rate, rtol, atol, settle)

@@ -97,6 +97,7 @@ def _graded(fails: bool) -> Severity:
 
 def _late(run: RunData) -> Finding | None:
     """Note of samples that took longer to compute than the sampling period."""
+    # Beside the findings: it depends on the computer, and equal runs have equal verdicts.
     late = run.info.late
     if late is None:
         return None
@@ -117,6 +118,7 @@ def _end(run: RunData) -> Iterator[Finding]:
 def _finite(run: RunData) -> Iterator[Finding]:
     """Findings of states and inputs that are not numbers."""
     for name, values in (("q", run.q), ("v", run.v), ("T", run.T)):
+        # Other arrays have NaN by design, where a value is unknown.
         wrong = ~np.isfinite(values).all(axis=1)
         if wrong.any():
             time, count = float(run.time[int(wrong.argmax())]), int(wrong.sum())
@@ -130,6 +132,7 @@ def _fallback(run: RunData) -> Iterator[Finding]:
     if used is None:
         return
     share = used.samples / max(len(run.time), 1)
+    # A robot that ends or mostly moves by safe commands does not do what it was told.
     fails = used.at_the_end or share > MOSTLY
     until = ", and until the end" if used.at_the_end else ""
     message = (
@@ -155,6 +158,7 @@ def _integration(run: RunData) -> Iterator[Finding]:
 
 def _exceeded(use: LimitUse) -> Finding:
     """Finding of a limit; positions and accelerations have two, the others one of the absolute value."""
+    # Their limits have signs; those of velocities and efforts bound the size.
     two = use.kind in ("position", "acceleration")
     amount = abs(use.value - use.limit) if two else abs(use.value) - use.limit
     return Finding(FindingKind(use.kind), use.name, amount, "", use.time, Severity.FAILS, str(use))
@@ -164,6 +168,7 @@ def _contacts(run: RunData, grip: Grip | None, reduced: ReducedModel | None) -> 
     """Findings of contacts that pull, that need more friction than is stated, or that slide at its limit."""
     names = run.info.outputs.normal_forces
     normal = grip.normal if grip is not None else None if reduced is None or not names else NormalForces(reduced)
+    # Friction may be used up at any time, while a contact lifts off only where its load is small.
     inside = forces_inside(run, normal, every=grip is not None)
     lifted = first_lift_off(run.time, run.normal_forces, names, inside)
     if lifted is not None:
@@ -177,6 +182,7 @@ def _contacts(run: RunData, grip: Grip | None, reduced: ReducedModel | None) -> 
         yield Finding(FindingKind.MODEL, where, None, "N", None, Severity.DEGRADES, message)
     if grip is not None:
         yield from _demands(grip, (run.time, run.q, run.contact_forces, run.normal_forces), *inside)
+    # In addition: what a plant told about slip, whatever the forces of the model are.
     yield from _slips(run)
 
 
@@ -189,6 +195,7 @@ def forces_inside(run: RunData, normal: NormalForces | None, every: bool = False
         every: True for all intervals; else those in which a contact may lift off.
     """
     outputs = run.info.outputs
+    # Of a plant with contacts of its own the model here knows nothing between the samples.
     if normal is None or (normal.names, normal.rows) != (outputs.normal_forces, outputs.contact_forces):
         return []
     chosen = np.arange(len(run.time) - 1) if every else near_lift_off(run.normal_forces)
@@ -206,6 +213,7 @@ def _demands(grip: Grip, *loads: tuple[np.ndarray, ...]) -> Iterator[Finding]:
     for column, (name, demand) in enumerate(zip(grip.names, used.T, strict=True)):
         if demand.max(initial=0.0) > _SLIPS:
             most = int(demand.argmax())
+            # The forces of wheels that share a load are not unique: the finding says that the best share was taken.
             chosen = demand[most] < np.inf and grip.is_choice(q[most])[column]
             yield _beyond(time, name, demand, ", at the best share that rigid bodies leave open" if chosen else "")
 
@@ -226,6 +234,7 @@ def _slips(run: RunData) -> Iterator[Finding]:
     slides = np.where(np.isnan(run.slip_speed), used > _AT_LIMIT, run.slip_speed > _CREEP)
     for column, name in enumerate(run.info.outputs.friction_used if len(used) else ()):
         share = float(slides[:, column].mean())
+        # One finding a contact: more than its friction is worse than sliding at it.
         if used[:, column].max() > _SLIPS:
             yield _beyond(run.time, name, used[:, column])
         elif share > 0.0:
@@ -251,8 +260,10 @@ def _side_slips(run: RunData, reduced: ReducedModel) -> Iterator[Finding]:
     More than 0.01 m/s at some time degrades a run, and more than 0.05 m in all fails it.
     """
     rows = missing_lateral_rows(reduced, steered=True)
+    # In blocks: rows of many wheels over a long run would fill the memory.
     kinematics, speeds = Kinematics(reduced.robot), np.zeros((len(run.time), rows.size))
     for block in blocks(len(run.time), rows.size * reduced.n) if rows.size else ():
+        # Samples that are not numbers have a finding of their own.
         q, v = np.nan_to_num(run.q[block]), np.nan_to_num(run.v[block])
         with suppress(RncError):  # a wheel that lies flat
             speeds[block] = np.abs(apply(rows.jacobian(kinematics.position(q)), v))
@@ -269,6 +280,7 @@ def _side_slips(run: RunData, reduced: ReducedModel) -> Iterator[Finding]:
 
 def _saturation(run: RunData, replay: LimitReplay) -> Iterator[Finding]:
     """Findings of actuators that are at their bound for a large part of the run."""
+    # A limit of zero is kept at rest, which is no saturation.
     limits = {use.name: use.limit for use in replay.uses if use.kind == "effort" and use.limit > 0}
     for column, name in enumerate(run.info.outputs.T):
         if name not in limits or not len(run.time):
@@ -298,6 +310,7 @@ def _reversals(run: RunData, replay: LimitReplay) -> Iterator[Finding]:
     last = len(run.time) - 4
     if last < 1 or not signals:
         return
+    # Shares of limits: noise of a strong drive and of a weak one count alike.
     shares = np.array([each for *_, each in signals])
     changes = np.diff(np.where(np.isfinite(shares), shares, np.nan))
     changes[:, ::2] *= -1.0  # changes that alternate have one sign now
@@ -338,6 +351,7 @@ def verdict_of(run: RunData) -> Verdict:
     if not len(run.time):
         return judge(run)
     reduced, _, missed = run.grounds
+    # Only contact is judged here: distances of bodies that stay apart may be bounds, which is faster.
     replay = replay_limits(reduced.robot, run, exact=0.0)
     return judge(run, replay, reduced=reduced, more=missed_goal_findings(run, missed))
 
@@ -350,6 +364,7 @@ def missed_goal_findings(run: RunData, missed: Sequence[MissedGoal]) -> list[Fin
         missed: the goals, as of ``rnc.control.missed_goals``.
     """
     found = []
+    # A run that ended early has its finding, and its goals were not due.
     for name, error, tolerance, reason in missed if run.outcome is Outcome.COMPLETED else ():
         message = f"the goal of {name} is missed by {error:.3g}, allowed is {tolerance:g}"
         message += f": {reason}" if reason else ""
@@ -397,6 +412,7 @@ def distance_findings(
 
 
 def _of_pairs(replay: LimitReplay, clearance: float | None, tolerance: float) -> Iterator[Finding]:
+    # Bodies have several shapes: the nearest pair stands for all of them.
     done: set[tuple[str, str]] = set()
     for each in replay.clearances:  # nearest first
         one, other = each.names
@@ -414,6 +430,7 @@ def _of_pairs(replay: LimitReplay, clearance: float | None, tolerance: float) ->
             words = f"{near}, {clearance:g} m was asked for"
             if touches:  # such as a wheel on the floor
                 words += f"; links that may touch it belong in the ignored_links of {other}"
+            # A plan keeps its clearance up to its accuracy: a shortfall below it is told, and does not fail.
             shortfall = clearance - each.distance
             severity = Severity.FAILS if shortfall > tolerance else Severity.NOTE
             yield _finding(FindingKind.CLEARANCE, each, shortfall, severity, words)
@@ -427,6 +444,7 @@ def _uncertain(replay: LimitReplay) -> Iterator[Finding]:
     """Pairs that may have come nearer: a doubt about obstacles degrades, one about links of one robot is a note."""
     pairs = {" / ".join(each.names): each.obstacle for each in replay.clearances if each.uncertain}
     for where, obstacle in pairs.items():
+        # Obstacles were placed by the user, who asks for them; links are near each other in many robots.
         severity = Severity.DEGRADES if obstacle else Severity.NOTE
         message = f"the smallest distance of {where} is not certain: the motion is too fast between its samples"
         yield Finding(FindingKind.COLLISION, where, replay.tolerance, "m", None, severity, message)
@@ -436,6 +454,7 @@ def _notes(replay: LimitReplay) -> Iterator[Finding]:
     for each in replay.omitted:
         where, (one, other) = " / ".join(each.names), each.names
         how = f"{'touch' if each.depth < PENETRATION else f'overlap by {each.depth:.3g} m'} at the start"
+        # A reason of the robot's own description says more than a depth.
         how = each.reason if each.reason.startswith("overlap in") else how
         message = f"{one} and {other} {how}: they are not checked"
         yield Finding(FindingKind.COLLISION, where, each.depth, "m", None, Severity.NOTE, message)

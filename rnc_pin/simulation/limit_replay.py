@@ -84,6 +84,7 @@ class Clearance(NamedTuple):
     uncertain: bool = False
 
     def __str__(self) -> str:
+        # A length has no sign in a sentence: the word has it.
         words = "distance" if self.distance > 0 else "penetration"
         return f"{' / '.join(self.names)}: {words} {1e3 * abs(self.distance):.3g} mm at t = {self.time:.3f} s"
 
@@ -215,6 +216,7 @@ def replay_limits(
         raise InputError("the run has no samples")
     if further is None and trajectory.grounds is not None:
         reduced, accelerations, _ = trajectory.grounds
+        # A run that was just made knows its limits; one from a file is judged by the robot alone.
         further = FurtherLimits(accelerations, reduced.actuation.stated_limits)
     further = further or FurtherLimits()
     # A run that comes near a limit is told how near: all uses are kept, not only those beyond.
@@ -224,12 +226,14 @@ def replay_limits(
         *_efforts(robot, trajectory, further.efforts),
         *_accelerations(trajectory, further.accelerations),
     ]
+    # Curves may be coarse; uses and smallest distances are those of all samples.
     every = _spaced(trajectory.time, step)
     time, uses = trajectory.time[every], tuple(each.use(trajectory.time) for each in found)
     excesses = np.array([each.excess[every] for each in found]).reshape(len(found), len(every)).T
     model = robot.collision_model
     if model is None or not len(model.geometryObjects):
         return LimitReplay(uses, (), (), time, excesses, within)
+    # The start tells which links overlap by design: their distance says nothing.
     checked = collision.CollisionDistances(robot, obstacles, selection, q0=trajectory.q[0])
     # Pairs that the user left out are no news; pairs that overlap by the robot's own file are.
     omitted = tuple(each for each in checked.omitted if each.reason.startswith("overlap"))
@@ -283,6 +287,7 @@ def _spaced(time: np.ndarray, step: float) -> np.ndarray:
         return np.arange(len(time))
     cells = np.floor((time - time[0]) / step + 1e-9)  # sums of periods round: a sample may be just before its cell
     begins = np.diff(cells, prepend=-1.0) > 0
+    # The end of a run is what a reader of a curve looks for.
     begins[-1] = True
     return np.flatnonzero(begins)
 
@@ -310,6 +315,7 @@ class _Limited(NamedTuple):
         excess = self.excess
         at = int(excess.argmax())
         value, limit = float(self.values[at]), self.upper
+        # Of limits with signs the nearer one is told.
         if self.kind in ("position", "acceleration") and self.lower - value > value - self.upper:
             limit = self.lower
         return LimitUse(self.kind, self.name, float(excess[at]), float(time[at]), value, limit, self.rounding)
@@ -329,6 +335,7 @@ def _positions(robot: Robot, run: RunData) -> Iterator[_Limited]:
 
 def _rates(robot: Robot, run: RunData) -> Iterator[_Limited]:
     for k, (name, limit) in enumerate(zip(robot.velocity_names, robot.model.upperVelocityLimit.tolist(), strict=True)):
+        # A velocity limit of zero is a placeholder: a joint that cannot move would be fixed.
         if 0 < limit < NO_LIMIT:
             yield _Limited("velocity", name, run.v[:, k], -limit, limit, limit)
 
@@ -342,6 +349,7 @@ def _efforts(robot: Robot, run: RunData, others: Mapping[str, float]) -> Iterato
     limits = robot.model.upperEffortLimit
     stated = limits[(limits > 0) & (limits < NO_LIMIT)]
     for column, name in enumerate(run.info.outputs.T):
+        # Forces on frames are actuators without a joint, so the file cannot limit them.
         if name in others:
             yield _Limited("effort", name, run.T[:, column], -others[name], others[name], others[name])
         if name not in robot.joint_names:
@@ -352,6 +360,7 @@ def _efforts(robot: Robot, run: RunData, others: Mapping[str, float]) -> Iterato
         # everywhere.
         is_stated = limit > 0 or (limit == 0 and len(stated) > 0 and robot.model.upperVelocityLimit[place.start] > 0)
         if place.stop - place.start == 1 and is_stated and limit < NO_LIMIT:
+            # An excess over zero has no share of its own limit.
             span = limit if limit > 0 else float(stated.max())
             yield _Limited("effort", name, run.T[:, column], -limit, limit, span)
 
@@ -364,5 +373,6 @@ def _accelerations(run: RunData, limits: Sequence[LimitedAcceleration]) -> Itera
     spans[spans <= 0.0] = np.nan  # velocities jump between the samples of an impact
     for name, quantity, column, lower, upper, rounding in limits:
         rates = np.diff(run.arrays[quantity][:, column], append=0.0) / spans
+        # One side may be unlimited or zero: the other one gives the scale.
         span = max((abs(each) for each in (lower, upper) if 0.0 < abs(each) < np.inf), default=1.0)
         yield _Limited("acceleration", name, rates, lower, upper, span, rounding)

@@ -101,6 +101,7 @@ def kinematic_rollout(
             v2 = vector(command.v2, r, "v2")
             # The first stage of the step is at this very state: it is not evaluated twice.
             v, desired = velocity(StateEvaluation(here, v2=v2), y)
+            # The time is a state too: each stage asks the target at its own time.
             q, x = integrator.step(rate, q, np.append(y, t), dt, (v, np.append(desired, 1.0)))
             state, t, y = next_state, sample * dt, x[:r]
             # Each step leaves closed loops and heights by its error, and such errors add up.
@@ -220,6 +221,7 @@ class RolloutEvaluation:
         Args:
             task: task with as many redundant outputs as vertical ones.
         """
+        # All samples in one array: one call of the decomposition for the whole way.
         A4 = self.configurations.A_star[:, task.vertical][:, :, task.redundant]
         return self._margin(
             np.linalg.svd(A4, compute_uv=False)[:, -1], lambda index: weakest_rows(A4[index], task.vertical_names)
@@ -234,6 +236,7 @@ class RolloutEvaluation:
         Raises:
             ConstraintError: the actuators cannot produce these accelerations.
         """
+        # Before the inputs, which need actuators that can produce the motion.
         if not normal.contacts:
             return None
         return first_lift_off(self.inner_times, normal.at(self.states, self.inputs), normal.names)
@@ -271,6 +274,7 @@ class FrictionDemand:
         lifted = _complaint(self.lift_off)
         if self.used <= 1.0 + _CLOSE:
             return lifted
+        # Gravity may need more than the grip at rest: then no time scale helps.
         slower = f"slow it down {self.time_scale:.3g} times"
         remedy = slower if np.isfinite(self.time_scale) else "it slips at any speed"
         return [
@@ -293,6 +297,7 @@ def friction_demand(rollout: RolloutEvaluation, grip: Grip) -> FrictionDemand:
     Raises:
         ConstraintError: the actuators cannot produce these accelerations.
     """
+    # The worst contact at the worst time: one that slips moves the robot off its way.
     now = grip.used_at(rollout.states, rollout.inputs)
     when, which = np.unravel_index(int(np.argmax(now)), now.shape)
     used = float(now[when, which])
@@ -495,6 +500,7 @@ def tuned_tracker(
         True
     """
     times, region = kinematic_rollout(reduced, along or kinematic, q0, duration, _STEP)
+    # The range of the inertia along the way decides, so that the steps of the roll-out may be long.
     gains = control.design_velocity_gains(reduced, region, dt, design, times=times)
     if gravity_compensation is None:
         gravity_compensation = gravity_loads(reduced, q0)

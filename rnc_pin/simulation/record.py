@@ -83,6 +83,7 @@ class Record:
         ends = dict(zip(self._columns, accumulate(self._columns.values()), strict=True))
         self._rows = rows
         self.arrays |= {name: rows[:, end - self._columns[name] : end] for name, end in ends.items()}
+        # Series, where the others are matrices.
         self.arrays |= {name: self.arrays[name][:, 0] for name in ("time", "work")}
 
     def _grow(self) -> None:
@@ -136,6 +137,7 @@ class Record:
             InputError: a goal or an estimate of the command has another shape than before.
         """
         self._moves(report.reduced, report.external)
+        # After ``_moves``, which may have made room in new arrays.
         row, given = self._rows[self.count], (command.v2_desired, command.x1_desired, command.x2_desired)
         goals = [
             none if goal is None else _expect(name, goal, none.shape)
@@ -168,6 +170,7 @@ class Record:
 
     def stretches(self) -> Iterator[tuple[int, int, ReducedModel]]:
         """Yield first sample, end and model of each interval with one plant; the controller's model for an unknown."""
+        # A run that ended before its first sample has no model of a plant.
         told = self._models or [(0, None)]
         ends = [start for start, _ in told[1:]] + [self.count]
         for (start, model), end in zip(told, ends, strict=True):
@@ -190,6 +193,7 @@ def blocks(samples: int, numbers: int) -> Iterator[slice]:
         samples: number of samples.
         numbers: temporary numbers per sample.
     """
+    # One sample at least, however large its matrices are.
     length = max(1, min(_BLOCK, int(_ROOM / (8 * max(numbers, 1)))))
     for start in range(0, samples, length):
         yield slice(start, min(start + length, samples))

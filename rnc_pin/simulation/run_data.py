@@ -197,6 +197,7 @@ def tracking_errors(trajectory: RunData) -> dict[str, np.ndarray]:
     errors: dict[str, np.ndarray] = {}
     for kind in ("x2", "x1"):
         desired, actual = getattr(trajectory, f"{kind}_desired"), getattr(trajectory, kind)
+        # On the manifold of the outputs: an angle of 359 degrees is 1 degree from zero.
         difference = trajectory.coordinates(kind).difference(desired, actual)
         for column, name in enumerate(trajectory.info.outputs.of(kind).names):
             if name in trajectory.info.goals:
@@ -214,6 +215,7 @@ _ARRAYS = tuple(each.name for each in fields(RunData) if each.name not in ("info
 
 def _check(arrays: dict[str, np.ndarray], outputs: OutputNames) -> None:
     for name, array in arrays.items():
+        # Wrong types too: text or integers in place of floats fail in NumPy, with other words.
         depth = 1 if name in SERIES_UNITS else 2
         if array.dtype.kind != "f" or array.ndim != depth or len(array) != arrays["time"].size:
             raise ConfigurationError(f"'{name}' has shape {array.shape}")
@@ -221,6 +223,7 @@ def _check(arrays: dict[str, np.ndarray], outputs: OutputNames) -> None:
         columns = outputs.of(kind)
         if {len(columns.names), len(columns.units), len(columns.angular)} != {arrays[kind].shape[1]}:
             raise ConfigurationError(f"'meta' does not name the columns of '{kind}'")
+        # None of them: a file of a run without quasi-velocities leaves the flags out.
         if len(columns.quasi) not in (0, len(columns.names)):
             raise ConfigurationError(f"'meta' does not name the quasi-velocities of '{kind}'")
     for kind in ("T", "multipliers", "contact_forces", "q", "v"):

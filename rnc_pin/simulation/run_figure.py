@@ -35,6 +35,7 @@ def ground_paths(run: RunData) -> list[GroundPath]:
     Args:
         run: the run.
     """
+    # x, y and heading of each body, side by side.
     poses = [run.ground_poses[:, start : start + 3] for start in range(0, run.ground_poses.shape[1], 3)]
     bodies = [
         GroundPath(name, pose[:, :2], pose[:, 2] if np.isfinite(pose[:, 2]).all() else None)
@@ -114,6 +115,7 @@ def plot_run(
         raise InputError(f"the run has too few samples to plot: {len(run.time)}, expected at least 2")
     sheet, texts, own = Sheet.of(size), Labels(labels), name or run_name(run, comparisons)
     if labels:
+        # A name that nothing has is a slip of the pen: a label would silently be missing.
         texts.check([own, *_label_names(run, comparisons)])
     paths = compared_paths(run, comparisons)
 
@@ -246,6 +248,7 @@ def learning_panels(run: RunData, others: Others, quantity: str) -> list[Panel]:
         scaled: np.ndarray = units.get(name, (1.0, ""))[0] * getattr(of, quantity)[:, names.index(name)]
         return scaled
 
+    # A compared controller may learn something else, whose curves belong to no panel of this run.
     alike = {label: other for label, other in others.items() if getattr(other, quantity).shape == values.shape}
 
     def series(name: str) -> Series:
@@ -315,6 +318,7 @@ def _largest_ranges(names: Sequence[str], values: Callable[[str], np.ndarray], o
     count = max(_ALWAYS_SHOWN, _MAX_PANELS * _lines_per_panel(others))
     if len(names) <= count:
         return list(names), ""
+    # Those that move most tell most; a constant one would only fill the legend.
     most = set(sorted(names, key=lambda name: -float(np.ptp(values(name))))[:count])
     return [name for name in names if name in most], f"{count} of {len(names)}, moving most"
 
@@ -386,6 +390,7 @@ def _errors(run: RunData, others: Others) -> list[Panel]:
     found = []
     for unit, names in _grouped_by(errors, lambda name: _Output.of(run, name).unit):
         room = _lines_per_panel(others)
+        # By the largest value and not the last: a peak in the middle matters too.
         largest = sorted(names, key=lambda name: -float(np.nanmax(np.abs(errors[name]), initial=0.0)))[:room]
         series = []
         for name in [name for name in names if name in largest]:

@@ -338,6 +338,7 @@ class RunInfo:
         columns: dict[str, dict[str, object]] = {
             part: {"x1": getattr(outputs.x1, part), "x2": getattr(outputs.x2, part)} for part in _names(Columns)
         }
+        # Names of all arrays share one mapping in a file, and so do their units.
         columns["names"] |= {array: getattr(outputs, array) for array in _OTHER_ARRAYS}
         columns["units"] |= {array: getattr(outputs, f"{array}_units") for array in _WITH_UNITS}
         parts: dict[str, object] = {
@@ -410,6 +411,7 @@ def provenance_of(meta: Provenance | Mapping[str, Json] | None) -> Provenance:
         return meta
     if not isinstance(meta, Mapping):
         raise ConfigurationError(f"meta: expected a Provenance or a mapping, found {type(meta).__name__}")
+    # First to JSON: what could not be written would be found only after the run.
     return Provenance.from_json(to_json_mapping(meta, "meta"))
 
 
@@ -442,6 +444,7 @@ def _read(kind: type[_Record], content: Mapping[str, object]) -> _Record:
     if wrong["type"] == "missing":
         raise ConfigurationError(printable(f"'meta' has no '{key}'"))
     value = repr(wrong["input"])
+    # A line of a terminal: a value may be a whole file.
     value = value if len(value) < 40 else value[:37] + "..."
     problem = _EXPECTED.get(wrong["type"]) or wrong["msg"].replace("Input should be", "expected")
     raise ConfigurationError(printable(f"'meta' has {value} as '{key}', {problem}"))

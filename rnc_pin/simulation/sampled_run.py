@@ -195,6 +195,7 @@ class PlantAdapter:
         """
         (self.plant.apply if self._exact is None else self._exact.hold)(T)
         report = self.report()
+        # Servos tell efforts, and the loop has nothing to learn of limits of forces.
         if self._servos:
             return np.full(len(T), np.nan) if report.effort is None else report.effort
         applied = T if report.applied is None else report.applied
@@ -227,6 +228,7 @@ class SampledRun:
         # What could not be found is an error before the run, and loses no results.
         self._info, self._observer = run_info.RunInfo(dt=dt, versions=versions(), provenance=origin), options.observer
         self._adapter = adapter = PlantAdapter(ReducedPlant(reduced) if plant is None else plant, reduced)
+        # The options of the caller last: they replace the defaults of the plant.
         loop_options: LoopOptions = {**adapter.loop_options, "max_speed": options.stop.speed, **options.loop}
         kind: type[ControlLoop] = ControlLoop
         if takes_velocities(plant):
@@ -286,6 +288,7 @@ class SampledRun:
         if perf_counter() - wall > self._dt:  # thread time, without other work of the computer, is never longer
             spent = thread_time() - begin
             self._late = with_late_tick(self._late, t, spent, self._dt)
+        # Inputs that the plant clipped: the record and the next step of the controller have what acts.
         T = adapter.apply(loop, T)
         if loop.state.fault is not None:
             self._fallback_reason = self._fallback_reason or loop.state.fault
@@ -391,6 +394,7 @@ def _integration(report: PlantReport) -> run_info.IntegrationAccuracy | None:
     """Estimated errors of the integration since the start; None if the plant does not estimate them."""
     if (errors := report.errors) is None:
         return None
+    # Plain numbers: a report may hold those of NumPy, which JSON refuses.
     rate, total, most = float(errors.rate), float(errors.total), int(errors.most)
     return run_info.IntegrationAccuracy(report.tolerance, rate, total, most, max(int(errors.enough), most))
 
@@ -473,6 +477,7 @@ def run_error(error: Exception, component: str, t: float) -> errors.RncError:
         The error itself if it is an RncError, else a SimulationError with the error as its cause.
     """
     if isinstance(error, errors.RncError):
+        # A model knows the configuration where it failed; when that was, only the run knows.
         if isinstance(error, errors.SingularityError | errors.DivergenceError) and error.time is None:
             error.time = t
         return error

@@ -86,6 +86,7 @@ class StopMonitor:
         for name, joint in zip(robot.joint_names, list(model.joints)[1:], strict=True):
             if stop.position_limits and joint.nq == 1:
                 low, high = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
+                # Equal limits are those of a file that states none.
                 if low < high:
                     self._ranges.append((name, joint.idx_q, low, high))
 
@@ -158,6 +159,7 @@ class LiftOffMonitor:
         Raises:
             LimitError: names the contact, the time and the force.
         """
+        # Loads are those of what moves, which the controller may not know.
         if self._other:
             state = self._model.at(state.q, v=state.v, t=t)
         forces = self._forces.at(state, T, external)
@@ -294,6 +296,7 @@ def check_arguments(arguments: RunArguments) -> None:
     admit_controller(controller)
     if plant is not None and (isinstance(plant, type) or not isinstance(plant, Plant)):
         raise ConfigurationError(f"plant: expected methods reset, read, apply, advance, found {type_name(plant)}")
+    # Forces on servos, or velocities on motors, would run and mean nothing.
     takes, gives = takes_velocities(plant), isinstance(controller, VelocityGiving) and controller.gives_velocities
     if takes and not gives:
         raise ConfigurationError(

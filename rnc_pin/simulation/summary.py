@@ -178,6 +178,7 @@ def summarize(trajectory: RunData, wall_time: float | None = None) -> Summary:
             for each in info.phases
             if each.impulses
         ]
+    # A run without samples has no second half.
     if trajectory.estimates.shape[1] and len(trajectory.time):
         _add_learning(summary, trajectory)
     # A TypedDict has no methods: the mapping that prints itself has the same keys.
@@ -249,6 +250,7 @@ def add_limits(summary: Summary, replay: LimitReplay) -> None:
         summary: summary that receives them.
         replay: replay of its run.
     """
+    # The worst of each kind: a humanoid has a hundred limits.
     worst = {kind: replay.worst(kind) for kind in LIMIT_KINDS}
     summary["joint_limits"] = {
         kind: {"joint": use.name, "excess": use.excess, "time": use.time}

@@ -132,6 +132,7 @@ class Trajectory(RunData, SummaryMixin):
         title = f"Trajectory{of}: {verdict}, {duration:g} s in {len(self.time)} samples"
         lines: list[Line] = [("run", [Item(f"{self.outcome}, {duration:g} s in {len(self.time)} samples")])]
         lines += [("message", [Item(message)])] if message else []
+        # A run that could not begin has no last sample to print.
         if not len(self.time):
             return ObjectSummary(title, lines)
         both = outputs.x2, outputs.x1
@@ -231,6 +232,7 @@ def _named(info: RunInfo, array: str) -> list[Column]:
     source = {"v_measured": "v", "slip": "multipliers"}.get(array, array)
     units = _units(outputs, source)
     if array == "slip":
+        # A slip is the rate of the row whose multiplier is this force.
         rates = {force: rate for rate, force in FORCE_UNITS.items()}
         units = [rates.get(unit, "") for unit in units]
     return [Column(*pair) for pair in zip(getattr(outputs, source), units, strict=True)]
