@@ -35,6 +35,7 @@ NUMPY_ALONE: Any = _NumPyAlone()
 def _load() -> tuple[object, str]:
     """Compiled module, or ``NUMPY_ALONE`` with the reason; no reason if the installation has none."""
     try:
+        # By name: an installation without a C compiler has no such module, and type checkers need none.
         compiled = import_module("rnc_pin._kernel.compiled")
     except ImportError:
         return NUMPY_ALONE, ""
@@ -46,6 +47,7 @@ def _load() -> tuple[object, str]:
 
 def _chosen() -> tuple[object, str]:
     asked = os.environ.get(_VARIABLE, "")
+    # A slip such as "C" would otherwise be taken for the default.
     if asked not in ("", "c", "numpy"):
         raise ConfigurationError(f"{_VARIABLE} is '{asked}': expected 'c' or 'numpy'")
     if asked == "numpy":

@@ -167,6 +167,7 @@ def component_rows(form: Form, frame: AttachedFrame, components: Sequence[int]) 
         frame: the frame.
         components: indices of the components.
     """
+    # A component is a unit wrench: force along an axis, or torque about it.
     return wrench_rows(form, frame, np.eye(6)[list(components)].tolist())
 
 
@@ -176,4 +177,5 @@ def placement_numbers(placement: pin.SE3) -> list[float]:
     Args:
         placement: the placement.
     """
+    # In the order in which ``kernel.c`` reads a placement.
     return [*placement.rotation.ravel().tolist(), *placement.translation.tolist()]

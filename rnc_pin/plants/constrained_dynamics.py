@@ -79,6 +79,7 @@ class CompiledRuns:
         """
         sizes = np.empty(len(q))
         self._calls.admissible_velocities(charts, q, y, None, kinematics, v, sizes)
+        # False for NaN too: such a run takes its own path, which names the error.
         status[:] = sizes < limit
 
     def integrate(
@@ -264,6 +265,7 @@ class ConstrainedDynamics:
         model = reduced.robot.model
         self._limits = reduced.actuation.limits if actuator_limits else None
         self.damping: np.ndarray | None = None
+        # Zeros in a file are no damping: the plant then takes the cheaper steps.
         if joint_damping and np.any(model.damping):
             self.damping = np.array(model.damping)
             check_conserved(reduced, self.damping, "joint damping")
@@ -325,6 +327,7 @@ class ConstrainedDynamics:
             q: configurations (..., nq).
             y: states of the integrator (..., state_size).
         """
+        # Of many states each has a time of its own.
         t = self.time(y) if y.ndim == 1 or not self.reduced.rheonomic else y[..., -2]
         return StateEvaluation.at(self.chart.evaluator, q, np.ascontiguousarray(y[..., : self._r]), t=t)
 
@@ -444,6 +447,7 @@ class ConstrainedDynamics:
         """
         T = vector(T, self.reduced.p, "T")
         if external is not None:
+            # Once here, and not at each stage: the kernel reads contiguous arrays.
             external = np.ascontiguousarray(external)
 
         def rate(q: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -61,6 +61,7 @@ class DryFriction:
     """
 
     def __init__(self, reduced: ReducedModel, joints: bool) -> None:
+        # Pinocchio has the friction of a file in the upper limit.
         limits = np.array(reduced.robot.model.upperDryFrictionLimit) if joints else np.zeros(reduced.n)
         check_conserved(reduced, limits, "joint friction")
         joints_with_friction = np.flatnonzero(limits > 0)
@@ -100,6 +101,7 @@ class DryFriction:
 
         stops = np.where(~at_rest & sticking, h, np.inf)
         for row in np.flatnonzero(~at_rest & (speeds * speeds_at(h) < 0)):
+            # The speed decays along exponentials, so that its zero has no closed form.
             stops[row] = scipy.optimize.brentq(lambda t, row=row: speeds_at(t)[row], 0.0, h, rtol=_RANK)
         return FrictionForces(forces, sticking, speeds, stops)
 
@@ -110,10 +112,12 @@ class DryFriction:
             state: state before the impulses.
             which: True (k,) for the rows to stop.
         """
+        # The state itself: callers tell by it that nothing has stopped.
         if not which.any():
             return state
         R, rows = state.R, self.rows[which]
         along = rows @ R
+        # Columns H^-1 R^T d of the rows d: how the reducing velocities answer a unit impulse on each.
         moved = np.linalg.solve(state.H, along.T)
         together, speeds = along @ moved, rows @ state.v
         factor, impulse, failed = scipy.linalg.lapack.dposv(together, speeds)
@@ -139,7 +143,9 @@ def _least_energy(basis: Array, free: Array, limits: Array) -> tuple[Array, Arra
         return -limits * np.sign(free), np.zeros(len(limits), dtype=bool)
     # Sizes of one: the solver's tolerances are absolute.
     scaled, wanted = scaled / size, free * limits / size**2
+    # P^T target = free turns the energy into a sum of squares, which lsq_linear bounds.
     target, *_ = np.linalg.lstsq(scaled.T, wanted, rcond=_RANK)
+    # BVLS ends at an exact set of active bounds: rows at their limit slide, the others stick.
     found = scipy.optimize.lsq_linear(scaled, -target, bounds=(-1.0, 1.0), method="bvls", tol=_RANK)
     return found.x * limits, found.active_mask == 0
 
@@ -177,6 +183,7 @@ class DissipativeStep:
         runs, start = runs_of(self._dynamics.chart.evaluator), RunStarts(q[None], y[None], T[None])
         if runs is not None:
             found, status = runs.friction((runs.chart,), start, INSTANT, self.losses)
+            # The kernel declines rows of a user, and steps that leave the chart.
             if status[0] == 1.0:
                 return found[0]
         state = self._dynamics.at(q, y)
@@ -268,6 +275,7 @@ class DissipativeStep:
         r, dynamics = len(linear.decay), self._dynamics
         external = forces @ self.friction.rows if len(forces) else None
         stopped = partial(self.friction.stopped, which=sticking) if sticking.any() else None
+        # No friction acts in this step: the compiled step of the plant without it does.
         if stopped is None and external is None and dynamics.damping is None:
             return dynamics.advance(q, y, T, h, 1)
         smooth = dynamics.derivative(T, external, stopped)

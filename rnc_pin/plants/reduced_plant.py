@@ -103,6 +103,7 @@ class ReducedPlant(ReprMixin):
         self.joint_damping, self.actuator_limits, self.joint_friction = joint_damping, actuator_limits, joint_friction
         self.dynamics = ConstrainedDynamics(reduced, joint_damping, actuator_limits)
         self._dissipative: DissipativeStep | None = None
+        # A file without friction gives the plant without it, whose runs are computed together.
         dry = joint_friction and (reduced.robot.model.upperDryFrictionLimit > 0).any()
         if dry or self.dynamics.damping is not None:
             from rnc_pin.plants.friction import DissipativeStep, DryFriction  # most plants start without it
@@ -224,6 +225,7 @@ class ReducedPlant(ReprMixin):
         if self._dissipative is None:
             return None
         damped = self.dynamics.damping_force(self.state)
+        # A new array in both cases: friction is added to it.
         force = np.zeros(self.reduced.n) if damped is None else damped
         if len(self._dissipative.friction.limits):
             force += self._dissipative.friction_force(self._q, self._y, self.applied)
@@ -305,6 +307,7 @@ class ReducedPlant(ReprMixin):
         finer = self._step(dt, 2 * steps)
         error = first_error = self._difference(step, finer)
         if substeps.number is None or not error <= max(limit, errors.rate * dt):
+            # With events more steps hardly help, so that the search ends earlier.
             most = MOST_EVENT_SUBSTEPS if self.dissipates else MOST_SUBSTEPS
             while not error <= limit and enough < most:
                 # The finer sample of the last comparison is the coarse one of the next: each doubling costs one

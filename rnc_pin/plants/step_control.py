@@ -92,6 +92,7 @@ class IntegrationErrors(NamedTuple):
         Args:
             substeps: choice of the number of substeps.
         """
+        # Due for a comparison at once (age): nothing is known of the motion yet.
         steps = substeps.number or 1
         return IntegrationErrors(steps, steps, _PERIOD, 0.0, 0.0, 0.0, 0.0, 0.0, steps, 1)
 
@@ -106,6 +107,7 @@ class IntegrationErrors(NamedTuple):
         Returns:
             True where the sample needs no comparison, and the errors after it.
         """
+        # Arithmetic alone, without branches: the same lines judge one run and arrays of runs.
         steps, _, age, reference, size, span, total = self[:7]
         least = 1e-60  # roughness of a motion at rest: no division by zero
         # The ratio to the roughness of the compared sample estimates drawn motions better than a power of the ratio.

@@ -51,6 +51,7 @@ class VelocityPlant:
             raise InputError(f"servo_time of a VelocityPlant has to be a positive number, found {servo_time!r}")
         if not is_count(substeps, 1):
             raise InputError(f"substeps of a VelocityPlant have to be a positive integer, found {substeps!r}")
+        # Before any motion: wheels that leave a direction free would let the robot drift.
         check_velocity_actuation(reduced)
         self.reduced, self.servo_time, self.substeps = reduced, servo_time, substeps
         self._integrator = LieRungeKutta4(reduced.robot)
@@ -95,6 +96,7 @@ class VelocityPlant:
             # The lag gives the acceleration of the actuators; the efforts that it takes follow from the model.
             w_dot = (self.applied - self._w) / self.servo_time
             known = state.B.T @ state.v_dot(np.zeros(self.reduced.r)) + B_rate.T @ v
+            # Least squares: there may be more actuators than velocities.
             v2_dot = np.linalg.lstsq(state.B.T @ state.R, w_dot - known, rcond=None)[0]
             return state.allocate(state.inverse_dynamics(v2_dot))
         except (DivergenceError, SingularityError):

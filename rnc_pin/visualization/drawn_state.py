@@ -50,6 +50,7 @@ class View:
     hide: Sequence[Layer] = ()
 
     def __post_init__(self) -> None:
+        # Here and not by the page: a wrong name would hide nothing, without a word.
         for layer in self.hide:
             if layer not in LAYERS:
                 raise ConfigurationError(f"view.hide: no layer '{layer}'{nearest(layer, LAYERS)}")
@@ -177,6 +178,7 @@ def tracked_frames(outputs: OutputNames, goals: Sequence[str], robot: Robot) -> 
     """
     frames: dict[str, dict[int, tuple[str, int]]] = {}
     for name in goals:
+        # Outputs are found by their names: a run from a file has nothing else.
         frame, _, axis = name.rpartition("_")
         found = outputs.find(name)
         if axis in ("x", "y", "z") and robot.model.existFrame(frame) and found is not None:
@@ -221,6 +223,7 @@ def live_state(reduced: ReducedModel, sample: Sample) -> DrawnState:
     measurement, command = sample.measurement, sample.command
     q, v2 = measurement.q, measurement.v2
     state = reduced.at(q, v2, t=sample.time)
+    # Controllers of some kinds need no outputs, and their loops then measure none.
     if measurement.x2 is None:
         measurement = state.measure()  # without integrals: the values of quasi-velocity outputs are NaN
     # Servos tell no forces: multipliers are unknown then, and no arrows are drawn.
@@ -249,6 +252,7 @@ def even_times(end: float, rate: float) -> np.ndarray:
         end: end of the run [s].
         rate: pictures per second.
     """
+    # Half a picture more: the last one is at the end, whatever the rounding of the steps.
     return np.arange(0.0, end + 0.5 / rate, 1.0 / rate).clip(max=end)
 
 
@@ -258,5 +262,6 @@ def _configurations(robot: Robot, trajectory: Trajectory, wanted: np.ndarray) ->
     before = np.clip(np.searchsorted(time, wanted, side="right") - 1, 0, max(len(time) - 2, 0))
     after = np.minimum(before + 1, len(time) - 1)
     interval = time[after] - time[before]
+    # A run of one sample, or two samples at one time, have an interval of zero.
     parts = np.divide(wanted - time[before], interval, out=np.zeros(len(wanted)), where=interval > 0)
     return ConfigurationManifold(robot.model).interpolate(q[before], q[after], np.minimum(parts, 1.0))

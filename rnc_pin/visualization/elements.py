@@ -104,6 +104,7 @@ class Trail(Element):
 
     def update(self, scene: MeshcatScene, state: DrawnState) -> None:
         self._points.append(np.array(self.point(state)))
+        # In pieces: a page cannot extend a path, and a path per frame would be sent whole each time.
         if len(self._points) <= self.piece:
             return
         node = f"{self.node}/{self._count:03d}"
@@ -122,6 +123,7 @@ class Triad(Element):
 
     def build(self, scene: MeshcatScene) -> None:
         size = self.size
+        # x, y and z in red, green and blue, as in Meshcat and RViz.
         for axis, color in enumerate((VERMILLION, GREEN, BLUE)):
             shape = [0.06 * size] * 3
             shape[axis] = size
@@ -178,6 +180,7 @@ class PlacedShapes:
         node: path of the node above the shapes.
 
     Attributes:
+        node: the same path.
         geometry: the shapes.
         names: their names.
     """
@@ -187,7 +190,7 @@ class PlacedShapes:
         assert drawn is not None
         self._robot, self.geometry = robot, drawn
         self._data, self._shapes = robot.model.createData(), drawn.createData()
-        self._node, self.names = node, [shape.name for shape in drawn.geometryObjects]
+        self.node, self.names = node, [shape.name for shape in drawn.geometryObjects]
         self._own = [np.diag([*drawn_scale(shape), 1.0]) for shape in drawn.geometryObjects]
 
     def place(self, scene: MeshcatScene, q: np.ndarray) -> None:
@@ -197,9 +200,10 @@ class PlacedShapes:
             scene: scene to draw in.
             q: the configuration.
         """
+        # With data of its own: a ghost has another configuration than the robot.
         pin.updateGeometryPlacements(self._robot.model, self._data, self.geometry, self._shapes, q)
         for name, own, placement in zip(self.names, self._own, self._shapes.oMg, strict=True):
-            scene.place(f"{self._node}/{name}", placement.homogeneous @ own)
+            scene.place(f"{self.node}/{name}", placement.homogeneous @ own)
 
 
 @dataclass(eq=False)
@@ -221,6 +225,7 @@ class Ghost(Element):
 
     def build(self, scene: MeshcatScene) -> None:
         for name in self._shapes.names:
+            # The page copies: meshes of a second robot would double the file.
             scene.copy(f"{self.node}/{name}", f"{self.source}/{name}", self.entry.color, 0.4)
 
     def update(self, scene: MeshcatScene, state: DrawnState) -> None:
@@ -229,6 +234,7 @@ class Ghost(Element):
 
 def _cylinder(middle: np.ndarray, along: np.ndarray, height: float, radius: float) -> np.ndarray:
     """Transform (4, 4) of a cylinder of unit height and radius whose axis is y."""
+    # The axis that is least along it: the product with another one may vanish.
     side = np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))])
     side /= np.linalg.norm(side)
     matrix = np.eye(4)
@@ -266,6 +272,7 @@ class Overlay:
                 return float(np.linalg.norm([output_error(outputs, state, kind)[k] for kind, k in places]))
 
             shown.update(places)
+            # The length of the error: its parts depend on axes that a viewer does not see.
             errors.append(OverlayRow(f"error of {label.replace('_', ' ')}", unit, size))
 
         for frame, places in tracked_frames(outputs, goals, kinematics.robot).items():
@@ -276,6 +283,7 @@ class Overlay:
                 continue
             kind, k = place
             columns = outputs.of(kind)
+            # Three outputs are one attitude, whose error is one angle.
             if k in columns.rotations:
                 add(name.removesuffix("_x"), "rad", [(kind, k), (kind, k + 1), (kind, k + 2)])
             else:
@@ -464,6 +472,7 @@ class SceneKinematics:
                 if on_axle and abs(placement.translation[2] - radius - ground) < 0.25 * radius:
                     tracks[shape.name] = under(shape)
                     found = True
+            # Rows of one contact share a point, which leaves one track.
             if not found and not any(np.linalg.norm(track(state)[:2] - point[:2]) < 1e-6 for track in tracks.values()):
                 tracks[f"row {row}"] = where_row_acts(row)
         return tracks

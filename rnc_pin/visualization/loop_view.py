@@ -95,6 +95,7 @@ class LiveView:
             timeout: longest wait [s].
         """
         end = time.monotonic() + timeout
+        # A browser takes a second to start, and a short run would be over.
         while not self.watched and time.monotonic() < end:
             time.sleep(0.05)
         return self.watched
@@ -197,6 +198,7 @@ class LiveView:
             return sample
         if self._model.reduced is not None:
             return live_state(self._model.reduced, sample)
+        # Without a model only the configuration is known: nothing is drawn but the robot.
         none = np.empty(0)
         return DrawnState(sample.time, sample.measurement.q, none, none, none, none, none, none, float("nan"))
 
@@ -246,6 +248,7 @@ class LoopView(SummaryMixin, LiveView, Generic[Made]):
         self._gains = {name: start for name, (_, _, start) in self._ranges.items()}
         self._make = controller
         self._made = None if controller is None else controller(**self._gains)
+        # A copy: the page changes the gains in the thread of its server.
         self._made_of = dict(self._gains)
         self._condition = threading.Condition()
         self._running, self._paused, self._steps, self._message = True, False, 0, ""
@@ -289,6 +292,7 @@ class LoopView(SummaryMixin, LiveView, Generic[Made]):
                 model, or the view is closed.
         """
         sample = self._sample(q, v2, t, T, command)
+        # A loop that starts again, such as an episode of learning, would wait for its old time.
         if sample.time < self._last_time:
             self.restart()
         self._last_time = sample.time
@@ -357,6 +361,7 @@ class LoopView(SummaryMixin, LiveView, Generic[Made]):
         if not self._running and self.closed:
             raise InputError("the view is closed")
         reduced = self._model.reduced
+        # Checked in the caller's thread: in the drawing thread an error would reach nobody.
         configuration = vector(np.asarray(q), self._model.robot.nq, "q")
         velocity, inputs = np.empty(0), np.empty(0)
         if reduced is None:
@@ -397,6 +402,7 @@ class LoopView(SummaryMixin, LiveView, Generic[Made]):
             return
         kind, name, value = (message.get(key) for key in ("kind", "name", "value"))
         with self._condition:
+            # Each field is checked: another program of this user may send anything.
             if kind == "pause" and isinstance(value, bool):
                 self._paused, self._steps = value and self._running, 0
             elif kind == "step" and self._paused:
@@ -483,6 +489,7 @@ def _admit_range(name: str, values: tuple[float, float, float]) -> tuple[float, 
 
 def _in_notebook() -> bool:
     """True if this process is the kernel of a notebook."""
+    # Not imported for the question: a process that has no IPython is no notebook.
     shell = sys.modules.get("IPython")
     running = None if shell is None else shell.get_ipython()
     return hasattr(running, "kernel")

@@ -8,7 +8,6 @@ import numpy as np
 import pinocchio as pin
 import umsgpack
 
-from rnc_pin.simulation import PlannedPath
 from rnc_pin.visualization.browser.page import meshcat, mg
 from rnc_pin.visualization.browser.scene_server import SceneWindow
 
@@ -16,21 +15,6 @@ _SAME_VALUE = 1e-7  # change of a number that a page does not show
 FIELD_OF_VIEW = 50.0  # vertical [deg]
 VIEW_DIRECTION = (-0.35, 1.0, -0.8)  # viewing direction of a camera that is placed automatically
 ASPECT = 1.6  # width over height of the picture
-
-
-def with_plan(points: np.ndarray, plan: PlannedPath | None, height: float) -> np.ndarray:
-    """Points (N, 3) together with the points of the planned path, if any, at this height [m].
-
-    Args:
-        points: points of a motion [m].
-        plan: planned path of the run; None without one.
-        height: height of a path without heights of its own [m].
-    """
-    if plan is None:
-        return points
-    path = np.array(plan.poses)[:, :2]
-    heights = np.array(plan.heights) if plan.heights else np.full(len(path), height)
-    return np.concatenate([points, np.column_stack([path, heights])])
 
 
 def enlarged_box(corners: np.ndarray) -> np.ndarray:
@@ -90,6 +74,7 @@ class Follower:
         self._target = target
         close_distance = 0.1  # of the robot from the target, over the camera's distance, if the robot fills the picture
         largest_distance = 0.3  # of the robot from the target, over the camera's distance: it soon leaves the picture
+        # The start is allowed as it is: a camera that a user placed does not jump.
         leash = (close_distance if close else largest_distance) * float(np.linalg.norm(camera - target))
         self._max_distance = max(leash, float(np.linalg.norm(point - target)))
         self.offset = np.zeros(3)
@@ -155,6 +140,7 @@ class Keyframes:
     @staticmethod
     def _motion(frames: list[int], matrices: np.ndarray) -> list[dict[str, object]]:
         columns = matrices[:, :3, :3]
+        # Three.js keeps a transform as position, quaternion and scale, and interpolates these.
         scale = np.linalg.norm(columns, axis=1)
         turn = np.array([pin.Quaternion(rotation).coeffs() for rotation in columns / scale[:, None, :]])
         # q and -q are the same rotation; neighbours of the same sign interpolate on the short arc.
@@ -233,6 +219,7 @@ class MeshcatScene:
     def play(self) -> None:
         """Add the recorded motion to the scene."""
         if self.keyframes is not None:
+            # A robot that stays in the picture needs no track.
             if self._offset.any():
                 track = {"offsets": self._offsets, "rate": self.keyframes.rate}
                 self.window.post({"type": "track", "path": "/Cameras", **track}, single=True)

@@ -102,7 +102,9 @@ def footprints(robot: Robot, q: np.ndarray) -> list[np.ndarray]:
     parts: dict[int, list[np.ndarray]] = {}
     for shape, pose in zip(source.geometryObjects, placed.oMg, strict=True):
         points = surface_points(shape.geometry) @ pose.rotation.T + pose.translation
+        # One hull for each joint: links that are fixed to each other are one part.
         parts.setdefault(int(shape.parentJoint), []).append(points)
+    # Joint 0 is the world: what is fixed there does not move.
     return [hull_from_above(np.concatenate(points)) for joint, points in parts.items() if joint]
 
 
@@ -138,6 +140,7 @@ def plot_limits(
         size: size of the figure, as for ``Trajectory.plot``.
         labels: texts of names.
     """
+    # A replay without collision geometry has no distances, and a file may state no limits.
     panels = [
         *([Panel("distance", "m", _distances(replay), "nearest bodies", mark=0.0)] if replay.clearances else []),
         *([Panel("used", "% of the limit", _uses(replay), "most used limits", mark=100.0)] if replay.uses else []),

@@ -133,6 +133,7 @@ def browser() -> Iterator[Browser]:
         from playwright.sync_api import sync_playwright
     except ImportError:
         raise ConfigurationError(missing_extra("video")) from None
+    # Software rendering: servers have no graphics processor, and pictures are equal on all computers.
     flags = (
         *("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
         "--disable-background-networking",
@@ -168,6 +169,7 @@ def take_pictures(
         page = launched.new_page(viewport={"width": size[0], "height": size[1]})
         page.set_default_timeout(_TIMEOUT)
         page.goto(path.as_uri())
+        # Meshes are decoded by the page, which takes seconds for a large robot.
         page.wait_for_function("window.ready === true")
         page.evaluate("document.body.classList.add('still')")
         for time in times:
@@ -211,6 +213,7 @@ def write_video(
 
 
 def _encode(ffmpeg: str, path: Path, partial: Path, pictures: Iterable[bytes], rate: float) -> None:
+    # Pictures go through a pipe: a long video needs no room for thousands of files.
     command = [ffmpeg, "-loglevel", "error", "-y", "-f", "image2pipe", "-framerate", f"{rate:g}", "-i", "-"]
     command += [*_encoding(path.suffix), str(partial.absolute())]
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE)

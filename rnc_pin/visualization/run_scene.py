@@ -19,7 +19,7 @@ from rnc_pin.visualization import elements as e
 from rnc_pin.visualization import meshcat_scene
 from rnc_pin.visualization.drawn_state import RATE, DrawnModel, DrawnState, View, tracked_frames
 from rnc_pin.visualization.elements import Overlay, SceneKinematics
-from rnc_pin.visualization.scene_bodies import MeshcatRobot, corners_over_time, ground_elements, obstacle_elements
+from rnc_pin.visualization.scene_bodies import corners_over_time, draw_robot, ground_elements, obstacle_elements
 
 _TRAILS = (e.VERMILLION, e.BLUE, e.GREEN, e.PURPLE)
 
@@ -70,7 +70,7 @@ class RunScene:
         self.shown, self.view, self.scene = shown, view, scene
         self.robot, self.reduced = shown.drawn_model.robot, shown.drawn_model.reduced
         self.outputs = shown.info.outputs
-        self.meshcat_robot = MeshcatRobot(self.robot, scene)
+        self.shapes = draw_robot(self.robot, scene)
         rows = self.reduced.constraints if self.reduced and self.reduced.m else None
         self.kinematics = SceneKinematics(self.robot, rows)
         run = shown.trajectory
@@ -104,7 +104,7 @@ class RunScene:
         Args:
             state: the state; states come in time order.
         """
-        self.meshcat_robot.display(state.q)
+        self.shapes.place(self.scene, state.q)
         if self._follower is not None:
             self.scene.follow(self._follower.follow(self.kinematics.center_of_mass(state.q)))
         for element in self.elements:
@@ -128,7 +128,7 @@ class RunScene:
 
     def _look(self, first: DrawnState, points: np.ndarray) -> None:
         """Place the camera for points (N, 3) [m] of the robot along its known motion."""
-        view, whole = self.view, meshcat_scene.with_plan(points, self._path, self.ground or 0.0)
+        view, whole = self.view, np.concatenate([points, self._planned(self.ground or 0.0)])
         camera, target = (np.array(() if each is None else each, dtype=float) for each in (view.camera, view.target))
         radius = float(np.linalg.norm(np.ptp(whole, axis=0))) / 2
         longest_motion = 4.0  # over the robot's size, that the camera shows as a whole
@@ -163,9 +163,16 @@ class RunScene:
         plan = self._path
         if plan is None or (self.ground is None and not plan.heights):
             return []
-        heights = np.array(plan.heights) if plan.heights else np.full(len(plan.poses), self._floor)
-        points = np.column_stack([np.array(plan.poses)[:, :2], heights])
-        return [e.FixedPath(e.LayerEntry("planned path", "plan", e.BLACK, "dashed"), plan.frame, points, self._width)]
+        entry = e.LayerEntry("planned path", "plan", e.BLACK, "dashed")
+        return [e.FixedPath(entry, plan.frame, self._planned(self._floor), self._width)]
+
+    def _planned(self, height: float) -> np.ndarray:
+        """Points (N, 3) of the planned path [m], at this height if it has none of its own; none without a path."""
+        plan = self._path
+        if plan is None:
+            return np.zeros((0, 3))
+        heights = np.array(plan.heights) if plan.heights else np.full(len(plan.poses), height)
+        return np.column_stack([np.array(plan.poses)[:, :2], heights])
 
     def _desired(self, frame: str, columns: Mapping[int, tuple[str, int]]) -> Callable[[DrawnState], np.ndarray]:
         actual = self.kinematics.point(frame)
@@ -185,6 +192,7 @@ class RunScene:
 
     def _desired_attitude(self, frame: str) -> Callable[[DrawnState], np.ndarray]:
         """Axes (3, 3) of the goal: from the desired attitude, otherwise the desired heading, otherwise the identity."""
+        # By name, as in ``tracked_frames``: a run from a file has no outputs, only their names.
         for name, size in ((f"{frame}_orientation_x", 3), (f"{frame}_yaw", 1)):
             column = self.outputs.find(name)
             if name in self.shown.goals and column is not None:
@@ -230,6 +238,7 @@ class RunScene:
         return found
 
     def _tracks(self, first: DrawnState) -> list[e.Element]:
+        # Tracks lie on the grid; without one there is no height for them.
         if self.ground is None:
             return []
         entry = e.LayerEntry("wheel tracks", "tracks", e.GREY)
@@ -238,6 +247,7 @@ class RunScene:
 
     def _constraints(self, first: DrawnState) -> list[e.Element]:
         points, _ = self.kinematics.lines_of_action_at(first)
+        # A momentum acts on no point, so it has no arrow.
         drawn = np.flatnonzero(~np.isnan(points).any(axis=1)).tolist()
         return self._forces(self.kinematics, {row: row for row in drawn}, "")
 
@@ -245,6 +255,7 @@ class RunScene:
         """Forces of constraints that act during a part of the run; the others are drawn already."""
         run, kept = self.shown.trajectory, () if self.reduced is None else self.reduced.constraints.names
         blocks = {rows.names: rows for rows in (kind.bind(self.robot) for kind in self.shown.drawn_model.switching)}
+        # Only a finished run knows which of them ever act.
         if run is None or not blocks:
             return []
         rows, acting = RowStack(list(blocks.values())), np.nan_to_num(run.multipliers).any(axis=0)
@@ -280,6 +291,7 @@ class RunScene:
         if reduced is None or not self.view.redundancy:
             return []
         names, primary = reduced.reducing.names, self.shown.goals if task is None else task.primary
+        # First and last link of each joint: arrows on all of them would cover each other.
         ends = {name for k in range(1, self.robot.model.njoints) for name in (*links_of(k)[:1], *links_of(k)[-1:])}
         frames = [self.robot.frame_id(name) for name in sorted(ends)]
 
@@ -303,6 +315,7 @@ class RunScene:
     def _compared(self, first: DrawnState) -> list[e.Element]:
         found: list[e.Element] = []
         others = self.shown.comparisons
+        # Without vermillion, which is the colour of this run's own first path.
         colors = (e.BLUE, e.PURPLE, e.GREEN, e.ORANGE)
         for k, (label, color) in enumerate(zip(others, cycle(colors), strict=False)):
             entry = e.LayerEntry(label, f"compared/{k}", color)
@@ -310,7 +323,7 @@ class RunScene:
             def configuration(state: DrawnState, k: int = k) -> np.ndarray:
                 return state.others[k]
 
-            found.append(e.Ghost(entry, "robot", self.robot, configuration, self.meshcat_robot.group))
+            found.append(e.Ghost(entry, "robot", self.robot, configuration, self.shapes.node))
             for frame in self.view.trail or self.tracked:
                 # At most about 400 points: a page does not show more.
                 path = self.kinematics.path(frame, others[label].q[:: max(1, len(others[label].q) // 400)])

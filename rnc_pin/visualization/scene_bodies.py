@@ -9,7 +9,7 @@ A page includes the textures of Collada meshes, so each texture must be an image
 from __future__ import annotations
 
 from base64 import b64encode
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -124,10 +124,12 @@ def drawn_mesh(shape: pin.GeometryObject, folders: Sequence[Path]) -> mg.Geometr
     try:
         textures = own_textures(path, folders) if ending == ".dae" else None
         if textures is not None:
+            # The geometry stays in its file: the object is mirrored as a whole.
             mirror = np.diag([*signs, 1.0]).ravel().tolist()
             file = {"type": "_meshfile_object", "format": "dae", "data": read_bytes(path).decode()}
             whole = {"uuid": str(uuid1()), **file, "resources": textures, "matrix": mirror}
             return {"metadata": {"version": 4.5, "type": "Object"}, "geometries": [], "materials": [], "object": whole}
+        # Files of one colour go as they are, which is smaller than triangles; a mirrored one cannot.
         if ending in readers and (signs > 0).all():
             return readers[ending].from_stream(BytesIO(read_bytes(path)))
     except Exception:  # for example a missing texture; the triangles are read already
@@ -136,40 +138,31 @@ def drawn_mesh(shape: pin.GeometryObject, folders: Sequence[Path]) -> mg.Geometr
     return mg.TriangularMeshGeometry(corners, np.arange(len(corners)).reshape(-1, 3))
 
 
-class MeshcatRobot:
-    """Robot in a scene.
+def draw_robot(robot: Robot, scene: MeshcatScene) -> PlacedShapes:
+    """Draw a robot, and return its shapes, which are not placed yet.
 
     Args:
         robot: robot to draw.
         scene: scene to draw in.
 
-    Attributes:
-        group: path of the group of its shapes.
+    Raises:
+        ModelError: the robot has no geometry.
     """
-
-    def __init__(self, robot: Robot, scene: MeshcatScene) -> None:
-        check_drawable(robot)
-        self.group = "robot/visuals"
-        self._scene, self._shapes = scene, PlacedShapes(robot, self.group)
-        for shape in self._shapes.geometry.geometryObjects:
-            is_mesh = isinstance(shape.geometry, coal.BVHModelBase)
-            geometry = drawn_mesh(shape, robot.folders) if is_mesh else _drawable(shape.geometry)
-            node, rgba = f"{self.group}/{shape.name}", np.array(shape.meshColor)
-            if isinstance(geometry, dict):
-                scene.window.post({"type": "set_object", "path": f"/meshcat/{node}", "object": geometry})
-            else:
-                color = int.from_bytes((255 * rgba[:3]).astype(np.uint8).tobytes(), "big")
-                # Shiny, as in Pinocchio's own viewer; obstacles and arrows are dull.
-                material = mg.MeshPhongMaterial(color=color, opacity=float(rgba[3]))
-                scene.root[node].set_object(geometry, material)
-
-    def display(self, q: np.ndarray) -> None:
-        """Show a configuration.
-
-        Args:
-            q: the configuration (nq,).
-        """
-        self._shapes.place(self._scene, q)
+    check_drawable(robot)
+    shapes = PlacedShapes(robot, "robot/visuals")
+    for shape in shapes.geometry.geometryObjects:
+        is_mesh = isinstance(shape.geometry, coal.BVHModelBase)
+        geometry = drawn_mesh(shape, robot.folders) if is_mesh else _drawable(shape.geometry)
+        node, rgba = f"{shapes.node}/{shape.name}", np.array(shape.meshColor)
+        if isinstance(geometry, dict):
+            # A Collada file is an object with materials of its own, which Meshcat's Python classes cannot send.
+            scene.window.post({"type": "set_object", "path": f"/meshcat/{node}", "object": geometry})
+        else:
+            color = int.from_bytes((255 * rgba[:3]).astype(np.uint8).tobytes(), "big")
+            # Shiny, as in Pinocchio's own viewer; obstacles and arrows are dull.
+            material = mg.MeshPhongMaterial(color=color, opacity=float(rgba[3]))
+            scene.root[node].set_object(geometry, material)
+    return shapes
 
 
 _CIRCLE_POINTS = 32  # points of a circle
@@ -261,6 +254,7 @@ class ObstacleElement(Element):
         scene.mesh(self.node, _drawable(self.obstacle.shape), GREY, opacity)
 
     def update(self, scene: MeshcatScene, state: DrawnState) -> None:
+        # Placed once: each command of a live page is sent to all browsers.
         if self.obstacle.motion is None and self._drawn:
             return
         self._drawn = True
@@ -292,6 +286,7 @@ def _drawable(shape: coal.CollisionGeometry) -> mg.Geometry:
         upright = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
         round_shape.intrinsic_transform = lambda: upright
         return round_shape
+    # Capsules, half spaces and convex hulls have no shape of their own in Meshcat.
     hull = convex_hull(surface_points(shape))
     return mg.TriangularMeshGeometry(hull.vertices, hull.triangles)
 
@@ -325,17 +320,6 @@ def seen_from(ground: GroundSurface, kinematics: SceneKinematics, q: np.ndarray)
     return center if carrier is None else np.asarray(kinematics.placement(carrier, q).actInv(center))
 
 
-def carrier_placement(ground: GroundSurface, kinematics: SceneKinematics) -> Callable[[DrawnState], pin.SE3] | None:
-    """Placement of the frame that carries a ground, as a function of the state; None for ground in the world.
-
-    Args:
-        ground: the surface.
-        kinematics: kinematics of the drawn robot.
-    """
-    carrier = carrier_of(ground)
-    return None if carrier is None else lambda state: kinematics.placement(carrier, state.q)
-
-
 def is_drawn(ground: GroundSurface, robot: Robot) -> bool:
     """True if a page draws the surface itself: it is in the world, or the body that carries it has no shapes.
 
@@ -346,6 +330,7 @@ def is_drawn(ground: GroundSurface, robot: Robot) -> bool:
     carrier, drawn = carrier_of(ground), robot.drawn_geometry
     if carrier is None or drawn is None:
         return True
+    # The joint and not the link: a plate may be a link that is fixed to the moving one.
     joint = robot.model.frames[robot.frame_id(carrier)].parentJoint
     return all(shape.parentJoint != joint for shape in drawn.geometryObjects)
 
@@ -375,19 +360,21 @@ class GroundElement(Element):
 
     Attributes:
         patch: vertices (n, 3) and triangles (m, 3).
-        placement: placement of the body that carries it, as a function of the state.
+        kinematics: kinematics of the drawn robot.
+        carrier: frame that carries the surface; None for ground in the world.
     """
 
     patch: tuple[np.ndarray, np.ndarray]
-    placement: Callable[[DrawnState], pin.SE3] | None = None
+    kinematics: SceneKinematics
+    carrier: str | None = None
 
     def build(self, scene: MeshcatScene) -> None:
         opacity = 0.35
         scene.mesh(self.node, mg.TriangularMeshGeometry(*self.patch), GREEN, opacity)
 
     def update(self, scene: MeshcatScene, state: DrawnState) -> None:
-        if self.placement is not None:
-            scene.place(self.node, self.placement(state).homogeneous)
+        if self.carrier is not None:
+            scene.place(self.node, self.kinematics.placement(self.carrier, state.q).homogeneous)
 
 
 def ground_elements(
@@ -405,6 +392,6 @@ def ground_elements(
     drawn = [each for each in grounds_of(reduced) if is_drawn(each, kinematics.robot)]
     for k, ground in enumerate(drawn):
         places = np.stack([seen_from(ground, kinematics, q) for q in moments])
-        patch, placement = ground_patch(ground, places, size), carrier_placement(ground, kinematics)
-        found.append(GroundElement(GROUND, str(k), patch, placement))
+        patch = ground_patch(ground, places, size)
+        found.append(GroundElement(GROUND, str(k), patch, kinematics, carrier_of(ground)))
     return found

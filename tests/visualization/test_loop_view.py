@@ -29,7 +29,7 @@ from rnc_pin.visualization.browser.scene_server import SceneWindow
 from rnc_pin.visualization.loop_view import LiveView
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
 from rnc_pin.visualization.recording import Recording
-from rnc_pin.visualization.scene_bodies import MeshcatRobot
+from rnc_pin.visualization.scene_bodies import draw_robot
 from terminal import UNDRAWN
 
 SHORT = {"simulation.duration": 2.0, "simulation.dt": 0.01, "comparisons": {}}
@@ -248,7 +248,7 @@ def test_a_robot_with_collision_shapes_only_is_drawn_by_them(tmp_path):
         )
         window = SceneWindow()
         hull = rnc.Robot.from_urdf(tmp_path / "hull.urdf", base="planar", masses={"hull": 9.0})
-        MeshcatRobot(hull, MeshcatScene(window))
+        draw_robot(hull, MeshcatScene(window))
         assert len([key for key in window.latest if "set_object" in key and "hull" in str(key)]) == count
 
 

@@ -8,7 +8,7 @@ from rnc_pin.visualization import scene_bodies
 from rnc_pin.visualization.drawn_state import DrawnModel, DrawnState, View, grounds_of
 from rnc_pin.visualization.elements import SceneKinematics
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
-from rnc_pin.visualization.scene_bodies import GROUND, ground_patch, is_drawn
+from rnc_pin.visualization.scene_bodies import ground_patch, is_drawn
 
 GROUNDS = {
     "plane": rnc.GroundPlane(normal=(0.2, -0.3, 1.0), point=(0.1, 0.2, 0.3)),
@@ -44,16 +44,14 @@ def test_ground_on_a_body_moves_with_it_and_is_drawn_if_the_body_is_not():
     center = kinematics.center_of_mass(tilted)
     np.testing.assert_allclose(place.act(scene_bodies.seen_from(plane, kinematics, tilted)), center, atol=1e-12)
     np.testing.assert_allclose(scene_bodies.seen_from(rnc.GroundPlane(), kinematics, tilted), center, atol=1e-12)
-    placement = scene_bodies.carrier_placement(plane, kinematics)
-    assert scene_bodies.carrier_placement(rnc.GroundPlane(), kinematics) is None
-    scene, patch = MeshcatScene(), ground_patch(plane, np.zeros((1, 3)), 1.0)
-    sheet = scene_bodies.GroundElement(GROUND, "plate", patch, placement)
-    moved = {}
+    system = rnc.NonholonomicSystem(robot, [rnc.RollingBall("ball", 0.06, plane)])
+    bare, scene, moved = SceneKinematics(rnc.Robot(robot.model)), MeshcatScene(), {}
     scene.place = lambda name, matrix: moved.update({name: matrix})
-    sheet.build(scene)
-    state = DrawnState(0.0, tilted, *(np.zeros(0),) * 6, 1.0)
-    sheet.update(scene, state)
-    np.testing.assert_allclose(moved["surface/plate"], place.homogeneous, atol=1e-12)
+    for sheet in scene_bodies.ground_elements(system.reduce(), bare, [tilted], 1.0):
+        sheet.build(scene)
+        sheet.update(scene, DrawnState(0.0, tilted, *(np.zeros(0),) * 6, 1.0))
+    ((_, matrix),) = moved.items()
+    np.testing.assert_allclose(matrix, place.homogeneous, atol=1e-12)
 
 
 def test_other_ground_replaces_the_grid():

@@ -55,6 +55,7 @@ class RequestFilter:
     """
 
     def __init__(self, host: str) -> None:
+        # A name of this computer may stand for several addresses, with IPv4 and IPv6.
         addresses = addresses_of(host)
         names = {"localhost", host.lower(), *addresses}
         patterns = [r"127(\.\d{1,3}){3}", r"\[::1\]"]
@@ -174,6 +175,7 @@ def in_order(commands: Commands) -> list[bytes]:
     Args:
         commands: commands by path and kind.
     """
+    # Sorting is stable: a parent that was drawn first stays before its children.
     return [commands[key] for key in sorted(commands, key=lambda key: _RANK.get(key[1].split(" ")[0], _OTHER_RANK))]
 
 
@@ -185,6 +187,7 @@ def live_page(title: str, panel: str | None = None) -> str:
         panel: name of the script, without ``.js``, that adds a panel of controls and sends messages of the user.
     """
     scripts_of_panel = [] if panel is None else [_part("panel.js"), _part(f"{panel}.js")]
+    # In this order: a panel uses the viewer, and the connection comes when both are there.
     parts = [_part("page.js"), *scripts_of_panel, "viewer.connect();"]
     scripts = "\n".join(['<script src="main.min.js"></script>', *(f"<script>{part}</script>" for part in parts)])
     style = _part("page.css") + ("" if panel is None else _part("panel.css"))

@@ -133,6 +133,7 @@ class SceneServer:
 
     def __init__(self, title: str, latest: Commands, port: int, host: str, panel: ControlPanel | None = None) -> None:
         try:
+            # In the caller's thread, so that a port that is taken is an error there.
             sockets = tornado.netutil.bind_sockets(port, host)
         except OSError as error:
             raise ConfigurationError(f"port {port} on {host} cannot be used: {error.strerror}") from None
@@ -195,10 +196,12 @@ class SceneServer:
         server.add_sockets(sockets)
         self._started.set()
         await self._stop.wait()
+        # No new browsers while the last frame is on its way.
         server.stop()
         sending = [browser.sending for browser in self._watching if browser.sending is not None]
         if sending:
             await asyncio.wait(sending, timeout=_CLOSING_TIME)
+        # A copy: each disconnection takes its browser out of the set.
         for browser in list(self._watching):
             browser.disconnect()
         self._watching.clear()
@@ -324,6 +327,7 @@ class SceneWindow:
             command: command with its "type" and "path".
             single: pack floats in single precision.
         """
+        # Meshcat and this package write paths with and without a slash: one node has one key.
         path = "/".join(part for part in str(command.get("path", "")).split("/") if part)
         kind = str(command["type"])
         key = path, f"{kind} {command['property']}" if kind == "set_property" else kind
