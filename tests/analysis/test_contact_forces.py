@@ -92,8 +92,7 @@ def test_a_run_that_needs_more_than_the_stated_friction_fails(grip, word):
     robot = made.experiment.reduced.robot
     weight = -robot.model.gravity.linear[2] * pin.computeTotalMass(robot.model)
     forces, data = [], robot.model.createData()
-    acceleration = np.gradient(run.v, run.time, axis=0)
-    for q, v, a in zip(run.q, run.v, acceleration, strict=True):
+    for q, v, a in zip(run.q, run.v, np.gradient(run.v, run.time, axis=0), strict=True):
         pin.computeCentroidalMomentumTimeVariation(robot.model, data, q, v, a)
         forces.append(np.linalg.norm(data.dhg.linear[:2]))
     needed = max(forces[1:-1]) / (grip["friction"] * weight)
@@ -123,10 +122,7 @@ def test_a_wheel_without_a_frame_has_the_name_of_its_first_row():
 
 
 def cart(base="planar", gravity=-G):
-    """Rows that act on no point come first, wheels last; one wheel skids, and a blade helps the other.
-
-    Its contacts are b (rolling and lateral), the blade of the base, and a (rolling).
-    """
+    """Rows that act on no point come first, wheels last: b (rolling, lateral), the blade of the base, a (rolling)."""
     robot = cart_robot(base, gravity)
     gear = np.zeros((1, robot.nv))
     gear[0, robot.velocity_indices("mast")], gear[0, robot.velocity_indices("b_spin")] = 1.0, -0.2
@@ -144,10 +140,7 @@ def cart(base="planar", gravity=-G):
 
 
 def resting(robot, q, names):
-    """Forces of least norm at rest that carry the weight and its moment, by name.
-
-    The blade of the base has no width: it takes a couple about its heading, too.
-    """
+    """Forces of least norm at rest by name; the blade has no width: it takes a couple about its heading, too."""
     data = robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, q)
     base = data.oMf[robot.frame_id("base")]
@@ -200,8 +193,7 @@ def test_a_support_that_would_pull_carries_nothing(heading):
 def test_two_supports_balance_what_they_can():
     """Both wheels of an axle, their weight beside it: nothing balances it across, and along the axle levers do."""
     robot = rnc.Robot(rolling_base({"l": (0.0, 0.3), "r": (0.0, -0.3)}, WHEEL))
-    wheels = [rnc.RollingWheel(name, WHEEL) for name in "lr"]
-    reduced = rnc.NonholonomicSystem(robot, wheels).reduce()
+    reduced = rnc.NonholonomicSystem(robot, [rnc.RollingWheel(name, WHEEL) for name in "lr"]).reduce()
     left = 0.5 + 20.0 * 0.02 / 23.0 / 0.6  # of the weight: 20 kg stand 0.02 m to the left, two wheels of 1.5 kg
     grip, rest = rnc.Grip(reduced, 0.5), np.zeros(reduced.r)
     loads = loads_of(grip, reduced, robot.configuration(), rest, np.zeros(0))
@@ -232,10 +224,7 @@ def test_without_weight_nothing_grips_that_has_to(gravity):
 
 
 def test_a_robot_on_two_wheels_skids_on_a_circle_at_the_root_of_mu_g_rho():
-    """Both wheels skid together: the outer one has more load and takes more of the force.
-
-    The load of one wheel is m (g / 2 -+ v^2 h / (rho track)): an evenly shared force would skid there earlier.
-    """
+    """Both at once: the load of one is m (g / 2 -+ v^2 h / (rho track)), the outer takes more of the force."""
     friction, rho, height, track = 0.5, 2.0, 0.3, 0.4
     reduced = systems.on_two_wheels(height=height, track=track)
     grip, q = rnc.Grip(reduced, friction), reduced.robot.configuration({"root_joint": (1.0, -2.0, 0.7)})
@@ -252,8 +241,7 @@ def test_a_robot_on_two_wheels_skids_on_a_circle_at_the_root_of_mu_g_rho():
 
 def least_largest_share(torques, friction):
     """Of the car of ``on_four_wheels`` at rest: Newton and Euler for one body, and a solver for smooth programs."""
-    mass = 20.0
-    center = np.array([0.05, 0.02, 0.1 + WHEEL])
+    mass, center = 20.0, np.array([0.05, 0.02, 0.1 + WHEEL])
     places = np.array([[*xy, 0.0] for xy in systems.CORNERS.values()])
     driving = np.asarray(torques) / WHEEL
     inertial = np.array([driving.sum(), 0.0, mass * G])  # force of the ground
@@ -263,8 +251,7 @@ def least_largest_share(torques, friction):
 
     def balance(z):
         each = forces(z)
-        moment = np.cross(places - center, each).sum(axis=0)
-        return np.concatenate([(each.sum(axis=0) - inertial)[1:], moment])
+        return np.concatenate([(each.sum(axis=0) - inertial)[1:], np.cross(places - center, each).sum(axis=0)])
 
     def room(z):
         return z[8] * friction * z[4:8] - np.linalg.norm(forces(z)[:, :2], axis=1)
@@ -303,8 +290,7 @@ def test_the_program_of_whole_body_control_has_the_same_forces():
         for friction, feasible in ((0.999 * share, False), (1.001 * share / np.cos(np.pi / 8), True)):
             cones = ContactCones(reduced, friction)
             bounds = cones.at(reduced.at(q, np.zeros(1)))
-            room = bounds.upper - bounds.rows[:, :4] @ T
-            free = bounds.rows[:, 4:]
+            room, free = bounds.upper - bounds.rows[:, :4] @ T, bounds.rows[:, 4:]
             found = linprog(np.zeros(free.shape[1]), free, room, bounds=(None, None))
             assert (found.status == 0) == feasible
             excess = cones.excess(ahead, np.array([0.0 * T, T]))

@@ -18,10 +18,7 @@ from textbook_systems import rail_sliders
 @pytest.mark.parametrize("affine", [False, True])
 @pytest.mark.parametrize("moving", [False, True])
 def test_the_error_of_differences_is_that_of_two_steps(affine, moving):
-    """Of eighth order, one step twice the other: the difference of both is 255 times the error of the finer one.
-
-    Drives that vary with the place count with all their inputs together, rows that move by themselves beside them.
-    """
+    """Of eighth order, one step twice the other: the difference of both is 255 times the error of the finer one."""
     k = 20.0
 
     def push(q):

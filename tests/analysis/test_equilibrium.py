@@ -36,8 +36,7 @@ def test_the_pendulum_stands_or_hangs_whatever_is_nearer(start, end):
 
 def test_one_actuator_holds_a_family_and_the_nearest_of_it_is_found():
     """An acrobot rests with its centre of mass below the shoulder: 3 sin(a) + sin(a + b) = 0."""
-    reduced = textbook.acrobot()
-    guess = np.array([0.2, 1.0])
+    reduced, guess = textbook.acrobot(), np.array([0.2, 1.0])
     found = rnc.equilibrium(reduced, guess)
     a, b = found.q
     assert 3 * np.sin(a) + np.sin(a + b) == pytest.approx(0, abs=1e-9)
@@ -112,8 +111,7 @@ def test_of_a_surface_of_equilibria_the_nearest_is_found(guess, hold):
 
 def test_of_inputs_that_hold_the_smallest_are_taken():
     B = np.array([[1.0, 0.5, -2.0], [0.0, 1.0, 3.0]])
-    reduced = textbook.hanging_chain(B, 2)
-    found = rnc.equilibrium(reduced, [0.4, -1.1])
+    found = rnc.equilibrium(textbook.hanging_chain(B, 2), [0.4, -1.1])
     np.testing.assert_array_equal(found.q, [0.4, -1.1])
     needed = G * np.array([1.5 * np.sin(0.4) + 0.5 * np.sin(-0.7), 0.5 * np.sin(-0.7)])
     np.testing.assert_allclose(found.T, np.linalg.pinv(B) @ needed, atol=1e-9)
@@ -138,8 +136,7 @@ def test_a_step_towards_an_equilibrium_is_that_of_newton(make):
     v2, free = 0.6 * generator.normal(size=reduced.r), np.ones(reduced.n, dtype=bool)
     free[-1] = False
     search = _Search(reduced, v2, free, q, None, np.zeros(reduced.r, dtype=bool))
-    here = search._at(q, v2)
-    state = reduced.at(q, v2)
+    here, state = search._at(q, v2), reduced.at(q, v2)
     scale = 1 / np.sqrt(np.diag(state.H))
     influence = scale[:, None] * state.input_matrix
     np.testing.assert_allclose(influence.T @ here.force, 0, atol=1e-9)  # T leaves the least
@@ -205,8 +202,7 @@ def test_a_grain_of_dust_hangs_too():
     for k, mass in enumerate((1.0, 1e-14)):
         add_body(model, f"hinge_{k}", "RY", mass, com=(0.0, 0.0, -0.5), moments=0.1 * mass)
     reduced = rnc.NonholonomicSystem(rnc.Robot(model), []).reduce()
-    found = rnc.equilibrium(reduced, [0.6, -0.9])
-    np.testing.assert_allclose(found.q, 0.0, atol=1e-8)
+    np.testing.assert_allclose(rnc.equilibrium(reduced, [0.6, -0.9]).q, 0.0, atol=1e-8)
 
 
 L = 0.8
@@ -348,8 +344,7 @@ def test_symmetries_are_those_of_ground_and_wheels(make, whole, own):
 def test_how_symmetries_vary_is_exact(make):
     reduced = make()
     q = upright() if reduced is bicycle() else reduced.robot.configuration({})
-    generator = np.random.default_rng(3)
-    found = find_symmetries(reduced, q)
+    generator, found = np.random.default_rng(3), find_symmetries(reduced, q)
     q = pin.integrate(reduced.robot.model, q, 0.4 * generator.normal(size=reduced.n))
     coefficients = generator.normal(size=found.size)
     expected = gradient(reduced.robot.model, lambda p: found.directions(p) @ coefficients, q)
@@ -357,10 +352,7 @@ def test_how_symmetries_vary_is_exact(make):
 
 
 def test_a_bicycle_leans_in_a_circle():
-    """Steered by 0.02, it leans by about ``v^2 steer cos(tilt) / (g wheelbase)``, and a free run goes on like this.
-
-    The lean rate that goes with it is no zero: the frame pitches a little, and turns about its own x axis too.
-    """
+    """By about ``v^2 steer cos(tilt) / (g wheelbase)``, and a free run goes on like this; the frame pitches too."""
     reduced = bicycle()
     robot = reduced.robot
     guess = reduced.assembled(robot.configuration({"root_joint": (0, 0, REAR, 0, 0, 0, 1), "steering": 0.02}))

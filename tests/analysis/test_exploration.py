@@ -125,8 +125,7 @@ BASE = rnc.FramePosition("base", "xy")
     (fire_truck, ["tractor_speed_x", "front_steering"], [rnc.JointPosition("hitch")], "2s"),
 ])  # fmt: skip
 def test_the_systems_of_the_paper_have_their_classes(system, primary, vertical, expected):
-    found = rnc.explore(system(), primary, [vertical])
-    assert [each.redundancy_class for each in found.rows] == [expected]
+    assert [each.redundancy_class for each in rnc.explore(system(), primary, [vertical]).rows] == [expected]
 
 
 @settings(max_examples=20, deadline=None, derandomize=True)
@@ -143,8 +142,7 @@ def test_motions_are_those_of_a_projection(recipe):
     except (rnc.ConfigurationError, rnc.ConstraintError, rnc.SingularityError):
         assume(False)
     angles = [unit.startswith("rad") for unit in robot.velocity_units]
-    lengths = np.where(angles, found.length, 1.0)
-    unit = np.eye(robot.nv)
+    lengths, unit = np.where(angles, found.length, 1.0), np.eye(robot.nv)
     for use in found.rows:
         if len(use.vertical) > 1:
             continue

@@ -48,8 +48,7 @@ def test_brackets_of_joints_are_commutators_of_matrices():
             kind = name.split()[-1]
             a, b, c = (as_matrix(kind, each[i][where]) for each in (x, y, found))
             np.testing.assert_allclose(c, a @ b - b @ a, atol=1e-12)
-    others = np.delete(found, np.r_[1:7, 8:14, 20:23], axis=-1)
-    np.testing.assert_array_equal(others, 0.0)
+    np.testing.assert_array_equal(np.delete(found, np.r_[1:7, 8:14, 20:23], axis=-1), 0.0)
 
 
 def test_a_joint_whose_bracket_is_not_known_is_named():
@@ -75,8 +74,7 @@ def test_first_brackets_are_judged_by_their_directions(weak, apart, expected):
     def A(q):
         return [[0.0, q[0], weak * q[0]], [0.0, 0.0, weak * apart * q[0]]]
 
-    reduced = sliders_with_rows(A, lambda q, v: A(v))
-    found = grow(reduced, np.zeros(5))
+    found = grow(sliders_with_rows(A, lambda q, v: A(v)), np.zeros(5))
     assert found.vector == expected
     np.testing.assert_allclose(found.closure.T @ found.closure, np.eye(expected[-1]), atol=1e-12)
 
@@ -124,8 +122,7 @@ def test_a_chain_grows_by_one_a_level(depth):
 def test_a_level_may_bring_more_directions_than_a_flow_shows():
     """All monomials of a degree: (2, 3, 5, 8, 12), the last level four at once, and three functions a flow."""
     reduced = monomials([(a, degree - a) for degree in range(1, 5) for a in range(1, degree + 1)])
-    found = grow(reduced, np.linspace(-0.3, 0.4, 12))
-    assert found.vector == (2, 3, 5, 8, 12)
+    assert grow(reduced, np.linspace(-0.3, 0.4, 12)).vector == (2, 3, 5, 8, 12)
 
 
 def test_a_level_that_nothing_leads_to_ends_the_growth():
@@ -169,17 +166,10 @@ def test_samples_with_the_last_dimension_are_shown_if_none_has_all(monkeypatch):
     assert (evidence.agreeing, evidence.margin, evidence.decided) == (0, 2e6, False)
 
 
-@pytest.mark.parametrize(("last", "samples"), [(4, 8), (9, 9), (40, 32)])
-def test_three_samples_of_eight_to_thirty_two_have_to_agree(last, samples, monkeypatch):
-    monkeypatch.setattr(growth, "grow", lambda _, q: growth.Growth((2, 2 + min(q, last - 2)), np.eye(60), 1e6, False))
-    assert generic_growth(None, np.arange(1, 60))[0].samples == samples
-
-
 @pytest.mark.parametrize("n", [0, 3, pytest.param(5, marks=pytest.mark.long)])
 def test_a_car_with_n_trailers_grows_by_one_a_level(n):
     """At generic configurations, of uniformly drawn hitches (Jean 1996; Sordalen 1993)."""
-    reduced = tractor_trailers(n)
-    report = rnc.analyze(reduced, samples=16)
+    report = rnc.analyze(tractor_trailers(n), samples=16)
     assert report.growth_vector == tuple(range(2, 5 + n))
     assert report.completely_nonholonomic
     evidence = report.growth_evidence

@@ -95,10 +95,7 @@ def test_rates_of_basis_constraints_and_outputs(reduced, states):
 
 
 def test_acceleration_agrees_with_kkt_and_inverse_dynamics_undoes_it(reduced, states):
-    """Independent: Pinocchio solves the constrained dynamics as a saddle-point problem.
-
-    Rows of momenta are not imposed there: that a momentum is conserved has to follow.
-    """
+    """Pinocchio's saddle-point problem does not impose momenta: that they are conserved has to follow."""
     model = reduced.robot.model
     data = model.createData()
     generator, rows = np.random.default_rng(1), reacting(reduced)
@@ -123,8 +120,7 @@ def test_acceleration_agrees_with_kkt_and_inverse_dynamics_undoes_it(reduced, st
 def test_energy_changes_by_the_power_of_the_actuators(reduced, states):
     generator = np.random.default_rng(3)
     for q, v2 in states:
-        T = generator.normal(size=reduced.p)
-        v, v2_dot, power = reduced.at(q, v2).flow(T)
+        v, v2_dot, power = reduced.at(q, v2).flow(generator.normal(size=reduced.p))
         h = STEP / np.linalg.norm(v) / 10
 
         def energy(step, q=q, v=v, v2=v2, v2_dot=v2_dot):

@@ -54,8 +54,7 @@ def test_coefficients_are_those_of_a_closed_form(order, error):
     """``x2' = sin(x0) x1'``: a bracket pulled back from ``x0 + s t`` is ``c cos(x0 + s t)`` along x2."""
     reduced = sliders_with_rows(lambda q: [[0.0, np.sin(q[0])]], lambda q, v: [[0.0, np.cos(q[0]) * v[0]]])
     x, time = 0.4, 0.5
-    jets = BracketJets(reduced, np.array([x, 0.3, -0.2]))
-    drawn = jets.draw(order, time, np.random.default_rng(4))
+    drawn = BracketJets(reduced, np.array([x, 0.3, -0.2])).draw(order, time, np.random.default_rng(4))
     np.testing.assert_allclose(drawn.coefficients[:, :2], 0.0, atol=1e-9)
     derivatives = np.array([np.cos(x + k * np.pi / 2) / factorial(k) for k in range(order + 1)])
     for function in drawn.coefficients[:, 2].T:

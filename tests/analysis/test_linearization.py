@@ -161,8 +161,7 @@ def test_a_loop_has_the_coordinates_that_it_leaves():
     ahead, behind = (reduced.forward_dynamics(closed(1.0 + sign * h), rest, found.T)[0] for sign in (1, -1))
     np.testing.assert_allclose(found.A, [[0.0, 1.0], [(ahead - behind) / (2 * h), 0.0]], rtol=1e-5, atol=1e-9)
     np.testing.assert_allclose(found.B, [[0.0], [1 / reduced.at(q).H[0, 0]]], rtol=1e-9)
-    moved = closed(1.3)
-    np.testing.assert_allclose(found.deviation(moved, [0.7]), [0.3, 0.7], atol=1e-12)
+    np.testing.assert_allclose(found.deviation(closed(1.3), [0.7]), [0.3, 0.7], atol=1e-12)
 
 
 def test_inputs_that_hold_are_the_smallest():

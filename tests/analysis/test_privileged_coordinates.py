@@ -77,8 +77,7 @@ def trailers_fields(count, q):
     angle, speed = yaw, sp.Integer(1)
     rates, headings = [sp.Integer(0)], [yaw]
     for hitch in hitches:
-        angle = angle + hitch
-        turn = -speed * sp.sin(hitch)
+        angle, turn = angle + hitch, -speed * sp.sin(hitch)
         speed = speed * sp.cos(hitch)
         rates.append(turn)
         headings.append(angle)
@@ -157,8 +156,7 @@ def test_coordinates_have_the_order_of_their_weight_along_flows(name):
     pieces, steps = 4, 3  # an error of the fourth order is small beside the sizes
     scale = 1.0 / np.abs(coordinates.linear[np.array(coordinates.weights) == 1] @ reduced.at(q).R).max()
     inputs = scale * generator.normal(size=(12, pieces, reduced.r)) / pieces
-    times = np.array([0.04, 0.02])
-    sizes = []
+    times, sizes = np.array([0.04, 0.02]), []
     for time in times:
         ends = []
         for each in inputs:

@@ -25,11 +25,9 @@ def test_a_class_of_constant_blocks(A, redundant, expected, tracked, reason):
     k, r = A.shape
     reduced = sliders_with_rows(lambda q: A)
     task = rnc.Task.of(reduced, [f"s{i}" for i in range(r) if i not in free], [f"s{i}" for i in free])
-    configurations = np.random.default_rng(0).normal(size=(5, r + k))
-    found = classify(reduced, task, configurations)
+    found = classify(reduced, task, np.random.default_rng(0).normal(size=(5, r + k)))
     A3, A4 = np.delete(A, free, axis=1), A[:, free]
-    moved = A4.any(axis=1)
-    vertical = [f"s{r + i}" for i in range(k)]
+    moved, vertical = A4.any(axis=1), [f"s{r + i}" for i in range(k)]
     names = tuple(f"s{r + i}" for i in range(k) if moved[i])
     assert names == tuple(f"s{i}" for i in tracked)
     assert (found.redundancy_class, found.reason) == (expected, reason)
@@ -66,8 +64,7 @@ def test_what_only_the_value_of_an_output_steers():
     configurations = np.random.default_rng(1).uniform(-1, 1, size=(5, 4))
     found = classify(reduced, task, configurations)
     assert (found.redundancy_class, found.tracked, found.driven) == ("2s", ("s2",), ("s3",))
-    rates = np.cos(configurations[:, 1])
-    assert 0.5 < found.evidence.steering / rates.max() < 1.5
+    assert 0.5 < found.evidence.steering / np.cos(configurations[:, 1]).max() < 1.5
     assert found.evidence.A4_singular_values == (0.0, 0.0)
     np.testing.assert_allclose(found.evidence.A3, 3.0)
 

@@ -85,18 +85,15 @@ def support(shape, direction):
 @pytest.mark.parametrize("name", ["tiago", "flying_panda"])
 def test_planes_along_the_normals_separate_by_the_distance(name, request):
     """The gap of two convex bodies along a direction is a lower bound of their distance, equal at the normal."""
-    robot = request.getfixturevalue(name)
-    about = obstacles((0.6, 0.0, 0.6))
-    distances = CollisionDistances(robot, about)
-    generator = np.random.default_rng(3)
+    robot, about = request.getfixturevalue(name), obstacles((0.6, 0.0, 0.6))
+    distances, generator = CollisionDistances(robot, about), np.random.default_rng(3)
     shapes = {shape.name: shape for shape in robot.collision_model.geometryObjects}
     checked = 0
     for t in (0.0, 0.6, 1.7):
         q = robot.random_configuration(generator, 1.0)
         data = robot.model.createData()
         pin.forwardKinematics(robot.model, data, q)
-        found = distances.at(q, t)
-        names = list(shapes)
+        found, names = distances.at(q, t), list(shapes)
         for k, distance, normal in zip(found.pairs, found.distance, found.normal, strict=True):
             pair, gap = distances.pairs[k], 0.0
             for index, sign in ((pair.first, -1.0), (pair.second, 1.0)):
@@ -121,8 +118,7 @@ def test_rates_agree_with_differences(name, request):
     errors, step = [], 1e-5
     for _ in range(8):
         q = robot.random_configuration(generator, 1.0)
-        v = generator.normal(size=robot.nv)
-        t = generator.uniform(0.0, 2.0)
+        v, t = generator.normal(size=robot.nv), generator.uniform(0.0, 2.0)
         found = distances.at(q, t)
         ahead, behind = (distances.at(pin.integrate(robot.model, q, s * step * v), t + s * step) for s in (1.0, -1.0))
         difference = (ahead.distance - behind.distance) / (2 * step)

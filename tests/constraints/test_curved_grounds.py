@@ -5,7 +5,6 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.constraints.rolling_body import _smaller_eigenvalue
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.user_functions import gradient
 from rolling import rigid_body
@@ -36,8 +35,7 @@ def at_place(reduced, place):
 def test_the_contact_is_where_the_normals_meet(name, robot):
     """The body's point satisfies the equation of the ellipsoid."""
     kind = ON_CURVED_GROUND[name]
-    rows = kind.bind(robot)
-    generator = np.random.default_rng(1)
+    rows, generator = kind.bind(robot), np.random.default_rng(1)
     q, v = robot.random_configuration(generator), generator.normal(size=6)
     q[:3] = 0.1, -0.2, 0.05
     at = Kinematics(robot).position(q).with_velocity(v)
@@ -103,12 +101,6 @@ def test_drawn_patches_have_the_area_and_the_centroid_of_caps_tubes_and_squares(
     areas = 0.5 * np.linalg.norm(np.cross(*(each - first for each in others)), axis=1)
     assert areas.sum() == pytest.approx(area, rel=5e-3)
     np.testing.assert_allclose(areas @ vertices[triangles].mean(axis=1) / areas.sum(), middle, atol=3e-3)
-
-
-def test_the_smaller_relative_curvature():
-    basis = np.array([[2.0, 1.0, 0.0], [0.0, 1.0, 3.0], [1.0, 0.0, 1.0]])
-    many = np.stack([basis @ np.diag([1.0, *pair]) @ np.linalg.inv(basis) for pair in ((0.3, 2.0), (5.0, -0.7))])
-    np.testing.assert_allclose(_smaller_eigenvalue(many), [0.3, -0.7], atol=ROUNDING)
 
 
 def test_a_ball_in_a_bowl_keeps_its_spin_about_the_normal():

@@ -59,8 +59,7 @@ def test_a_slope_is_level_ground_with_leaning_gravity(kind, robot):
 def test_a_knife_edge_moves_with_the_turntable_that_carries_it(robot):
     rows = ON_PLANES["knife edge"].bind(robot)
     normal, axes = MOVING.axes[2], np.eye(3)
-    generator = np.random.default_rng(4)
-    q = robot.random_configuration(generator)
+    q = robot.random_configuration(np.random.default_rng(4))
     pose = pin.XYZQUATToSE3(q)
     point = pose.act(np.array([0.1, 0.2, 0.3]))
     # Rigid motion of the body with the table: every point of it has the velocity of the material.

@@ -25,14 +25,12 @@ def test_a_gap_of_a_coupling_forgets_the_turns_that_its_joints_forget(kinds, rat
     generator, kinematics = np.random.default_rng(7), Kinematics(robot)
     for _ in range(6):
         a, b = generator.uniform(-3, 3, 2)
-        q = robot.configuration({"a": a, "b": b})
-        alike = a - ratio * b - offset
+        q, alike = robot.configuration({"a": a, "b": b}), a - ratio * b - offset
         mine = 2 * np.pi * turns if kinds[0] == "U" else np.zeros(1)
         drivers = 2 * np.pi * ratio * turns if kinds[1] == "U" else np.zeros(1)
         gaps = (alike + mine[:, None] + drivers).ravel()
         np.testing.assert_allclose(row.residual(kinematics.position(q)), [gaps[np.argmin(np.abs(gaps))]], atol=1e-9)
-        many = kinematics.position(np.stack([q, q]))
-        assert row.residual(many).shape == (2, 1)
+        assert row.residual(kinematics.position(np.stack([q, q]))).shape == (2, 1)
 
 
 def test_a_ratio_that_is_no_fraction_couples_rates_alone():

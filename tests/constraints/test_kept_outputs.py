@@ -35,9 +35,7 @@ def test_a_welded_joint_is_a_locked_one(robot):
     free = [k for k, name in enumerate(robot.velocity_names) if "joint_1" not in name]
     whole = np.zeros(robot.nv)
     whole[free] = v
-    state = reduced.at(q, v=whole)
-    found = state.acceleration(T)
-    forces = np.zeros(locked.nv)
+    found, forces = reduced.at(q, v=whole).acceleration(T), np.zeros(locked.nv)
     forces[-2:] = T
     q_free = np.delete(q, robot.model.idx_qs[robot.joint_id("joint_1")])
     expected = pin.aba(locked, locked.createData(), q_free, v, forces)
@@ -109,8 +107,7 @@ def test_evaluations_need_the_time_and_take_one_for_each_state(pendulum, rng):
     times = np.array([0.05, 0.1, 0.3, 0.9])
     together = reduced.at(q, v2, t=times)
     for k, t in enumerate(times):
-        alone = reduced.at(q[k], v2[k], t=t)
-        point = pendulum.shaken.at(t)
+        alone, point = reduced.at(q[k], v2[k], t=t), pendulum.shaken.at(t)
         np.testing.assert_allclose(alone.v, [point.velocity[0], v2[k, 0]], rtol=1e-12)
         np.testing.assert_allclose(alone.v_dot(np.array([0.5])), [point.acceleration[0], 0.5], rtol=1e-12)
         for name in ("v", "H", "G", "b_dot"):

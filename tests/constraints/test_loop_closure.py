@@ -14,10 +14,7 @@ from tolerances import ROUNDING
 
 
 def closed_form(crank, branch):
-    """Angle of the rocker, absolute angle of the coupler, and their rates for unit rate of the crank.
-
-    Angles turn about y, so that a link points along exp(-i angle) in the plane x + i z.
-    """
+    """Angles of rocker and coupler, rates for unit rate of the crank; links point along exp(-i angle) in x + i z."""
     a = CRANK * np.exp(1j * crank) - GROUND
     d = abs(a)
     rocker = np.angle(a) + branch * np.arccos((ROCKER**2 + d**2 - COUPLER**2) / (2 * ROCKER * d))
@@ -38,8 +35,7 @@ def four_bar_with_knee():
 
 @pytest.mark.parametrize("make", [four_bar, four_bar_with_knee], ids=["point", "frame"])
 def test_four_bar_moves_as_in_closed_form(make):
-    reduced = make()
-    branches = set()
+    reduced, branches = make(), set()
     for q, v2 in random_states(reduced, 8):
         candidates = {branch: closed_form(q[0], branch) for branch in (-1, 1)}
         branch = min(candidates, key=lambda b: abs(turn(candidates[b][0] - q[2])))
@@ -110,8 +106,7 @@ def test_a_loop_closes_with_the_orientation_and_offsets_that_it_is_given():
     gap = wanted.actInv(b * pin.SE3(np.eye(3), np.array(offset_b)))
     position = Kinematics(robot).position(q)
     np.testing.assert_allclose(point.residual(position), a.actInv(b.act(np.array(offset_b))) - offset_a, atol=ROUNDING)
-    distance = np.linalg.norm(gap.translation)
-    residual = loop.residual(position)
+    distance, residual = np.linalg.norm(gap.translation), loop.residual(position)
     assert distance == pytest.approx(np.linalg.norm(pin.exp6(residual).translation), rel=1e-10)
     # The orientation of the closed loop: no rotation is left where b has the given one.
     turned = pin.log3(pin.exp6(residual).rotation)

@@ -1,7 +1,4 @@
-"""Momenta that stay what they are: only where no reaction of another constraint acts on the joint.
-
-Independent of the rows: the motion under the other constraints alone, and the force that it takes along the joint.
-"""
+"""Momenta that stay what they are: only where no reaction of another constraint acts on the joint."""
 
 import numpy as np
 import pinocchio as pin
@@ -140,8 +137,7 @@ def test_momentum_is_conserved_because_of_the_dynamics(what):
     rows = reacting(reduced)
     assert (~rows).any()
     for q, v2 in random_states(reduced, 5):
-        state = reduced.at(q, v2)
-        T = np.array([0.7, -0.4])
+        state, T = reduced.at(q, v2), np.array([0.7, -0.4])
         bias_acceleration = state.terms().A_dot[rows] @ state.v  # rates are constant in all of them
         expected = pin.forwardDynamics(model, data, q, state.v, state.B @ T, state.A[rows], bias_acceleration)
         np.testing.assert_allclose(state.v_dot(reduced.forward_dynamics(q, v2, T)), expected, atol=KKT * 10)
@@ -215,8 +211,7 @@ def test_of_systems_at_random_those_are_refused_whose_momentum_changes():
 def test_a_momentum_that_is_kept_where_nobody_knows():
     """Of a disc that floats on a lift: its momentum keeps its direction in the world, not in its own axes."""
     model = pin.Model()
-    lift = add_body(model, "lift", "PZ", 1.0)
-    add_body(model, "disc", "Planar", 1.0, lift)
+    add_body(model, "disc", "Planar", 1.0, add_body(model, "lift", "PZ", 1.0))
     robot = rnc.Robot(model)
     assert rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("disc")]).r == 1
     with pytest.raises(rnc.ConstraintError, match=r"'disc' has to be zero, .* JointModelPlanar on 'lift'"):
@@ -249,8 +244,7 @@ def test_a_pivot_keeps_its_angular_momentum():
     reduced = system.reduce([rnc.JointPosition("wheel")])
     for q, v2 in random_states(reduced, 4):
         rotation = pin.Quaternion(q[:4]).toRotationMatrix()  # of the body in the pivot's fixed frame
-        own = rotation.T @ momentum
-        spin = np.array([0.0, 0.0, v2[0]])
+        own, spin = rotation.T @ momentum, np.array([0.0, 0.0, v2[0]])
         np.testing.assert_allclose(reduced.at(q, v2).v[:3], (own - 0.5 * spin) / (principal + 0.5), atol=ROUNDING)
 
 
@@ -266,8 +260,7 @@ def test_a_run_keeps_momentum_and_energy():
     assert run.constraint_residual.max() < 1e-9
     assert np.abs(run.v[0]).max() > 0.1, "it does not start at rest"
     np.testing.assert_allclose(run.energy - run.work, run.energy[0], atol=1e-6)
-    final = rnc.summarize(run)["final_error"]
-    assert max(final.values()) < 1e-3
+    assert max(rnc.summarize(run)["final_error"].values()) < 1e-3
     data, model = reduced.robot.model.createData(), reduced.robot.model
     for q, v in zip(run.q[::80], run.v[::80], strict=True):
         assert pin.crba(model, data, q)[0] @ v == pytest.approx(6.0, abs=1e-9)

@@ -18,10 +18,8 @@ from tolerances import ROUNDING
 def test_rows_are_the_velocity_of_the_lowest_point(name):
     """The lowest point is searched."""
     kind, robot = ROLLING[name], rigid_body()
-    plane = kind.ground or rnc.GroundPlane()
-    kinematics = Kinematics(robot)
-    rows = kind.bind(robot)
-    generator = np.random.default_rng(1)
+    plane, kinematics = kind.ground or rnc.GroundPlane(), Kinematics(robot)
+    rows, generator = kind.bind(robot), np.random.default_rng(1)
     angles = np.meshgrid(np.linspace(1e-6, np.pi - 1e-6, 400), np.linspace(0, 2 * np.pi, 800), indexing="ij")
     around = np.stack([np.sin(angles[0]) * np.cos(angles[1]), np.sin(angles[0]) * np.sin(angles[1]), np.cos(angles[0])])
     surface = kind.shape.point(around.reshape(3, -1).T) @ pin.rpy.rpyToMatrix(np.array(kind.rpy)).T + kind.at
@@ -37,8 +35,7 @@ def test_rows_are_the_velocity_of_the_lowest_point(name):
         np.testing.assert_allclose(points[0], place.rotation @ lowest + place.translation, atol=5e-3)
 
         # The material point of the body, less that of the ground.
-        velocity = at.velocity(robot.frame_id("body"))
-        contact = points[0]
+        velocity, contact = at.velocity(robot.frame_id("body")), points[0]
         body = velocity[:3] + np.cross(velocity[3:], contact - place.translation)
         ground = np.array(plane.velocity) + plane.spin * np.cross(normal, contact - plane.point)
         slip = rows.jacobian(at) @ v - rows.rate(at)
@@ -52,8 +49,7 @@ def test_many_light_bodies_are_put_on_the_ground_at_the_first_draw():
     model = pin.Model()
     for k in range(4):
         add_body(model, f"base_{k}", "FreeFlyer", 1.0, moments=(2e-4, 1.6e-3, 1.7e-3), frame=f"stone_{k}")
-    robot = rnc.Robot(model)
-    shape = rnc.Ellipsoid((0.2, 0.03, 0.02))
+    robot, shape = rnc.Robot(model), rnc.Ellipsoid((0.2, 0.03, 0.02))
     assembly = Assembly(robot, [rnc.RollingBody(f"stone_{k}", shape).bind(robot) for k in range(4)])
     generator, alone = np.random.default_rng(1), np.random.default_rng(1)
     found = assembly.random_configuration(generator)

@@ -146,6 +146,5 @@ def test_robots_of_the_zoo_have_no_findings(name):
     rollers = [None] * len(frames) if sides is None else [side * np.pi / 4 for side in sides]
     robot = load(name, base)
     wheels = [rnc.RollingWheel(frame, radius, roller=each) for frame, each in zip(frames, rollers, strict=True)]
-    reduced = rnc.NonholonomicSystem(robot, wheels).reduce()
-    findings = wheel_height_findings(reduced, robot.configuration())
+    findings = wheel_height_findings(rnc.NonholonomicSystem(robot, wheels).reduce(), robot.configuration())
     assert {each.severity for each in findings} <= {Severity.NOTE}

@@ -63,8 +63,7 @@ def driven_errors(reduced, frame, dt):
         plant.advance(command.u, dt, hold=controller.steering)
         pose = odometry.step(pose, before, plant.q).pose
     true = pose_of(reduced, plant.q, frame)
-    error = (pose - true + np.pi) % (2 * np.pi) - np.pi
-    return np.abs(error).max(), np.linalg.norm(true[:2] - first[:2])
+    return np.abs((pose - true + np.pi) % (2 * np.pi) - np.pi).max(), np.linalg.norm(true[:2] - first[:2])
 
 
 def test_odometry_is_of_second_order_while_the_steering_turns():

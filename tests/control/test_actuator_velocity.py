@@ -27,8 +27,7 @@ def test_only_what_is_commanded_is_scaled(part, index):
     at = reduced.at(q, v2)
     along, offset = at.R @ v2, at.b
     joint = int(np.argmax(np.abs(offset)))
-    side = np.sign(along[joint])
-    limits = np.full(reduced.n, np.inf)
+    side, limits = np.sign(along[joint]), np.full(reduced.n, np.inf)
     limits[joint] = side * offset[joint] + part * abs(along[joint])
     if limits[joint] <= 0:  # the drift alone is towards the other side
         along, v2, side = -along, -v2, -side
@@ -74,8 +73,7 @@ def test_actuators_that_leave_a_motion_open_are_counted():
 
 def test_without_constraints_actuators_move_their_own_joints():
     """One slide, and the sum of two others: they share it evenly."""
-    B = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 1.0]])
-    reduced = rnc.NonholonomicSystem(sliders(), [], B).reduce()
+    reduced = rnc.NonholonomicSystem(sliders(), [], np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 1.0]])).reduce()
     np.testing.assert_allclose(velocity_from_actuators(reduced.at(np.zeros(3)), np.array([0.4, 3.0])), [0.4, 1.5, 1.5])
     assert driven_joints(reduced) == ("a", "b", "c")
 

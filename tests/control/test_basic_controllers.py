@@ -105,8 +105,7 @@ def test_state_feedback_moves_the_states_of_outputs_that_have_a_reference(names)
     """Values where they are states, and rates where those are; angles by the shorter way."""
     model, K = linear()
     places = [model.reducing.names.index(name) for name in names]
-    orders = np.random.default_rng(9).uniform(-2, 2, (4, 5))
-    reference = Cubic(*orders[:, places])
+    reference = Cubic(*np.random.default_rng(9).uniform(-2, 2, (4, 5))[:, places])
     law = StateFeedback(model, K, reference, names)
     generator = np.random.default_rng(2)
     for _ in range(4):

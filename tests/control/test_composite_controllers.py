@@ -37,8 +37,7 @@ def test_forces_on_some_outputs_come_from_the_actuators_that_are_on():
     for i in range(4):
         assert np.flatnonzero(command.T[i]).tolist() == sorted(places)
         here = reduced.at(q[i])
-        drive = here.J2 @ here.B
-        one = reduced.at(q[i], v2[i]).measure()
+        drive, one = here.J2 @ here.B, reduced.at(q[i], v2[i]).measure()
         np.testing.assert_allclose(law.step(0.0, one, law.initial_state(one))[0].T, command.T[i], rtol=1e-9)
         for place in places:
             assert command.T[i, place] == pytest.approx(drive[TIP, place] @ asked.F[i])
@@ -83,8 +82,7 @@ def test_parts_see_and_command_outputs_of_their_own(batch):
     fourth = Part(0.7, x1_desired=np.array([9.0]))
     places = ([3, 0], [1], [4], [2])
     split = SplitController([*zip((first, second, third, fourth), map(np.array, places), strict=True)], 5)
-    generator = np.random.default_rng(1)
-    x2, v2, excess = generator.normal(size=(3, *batch, 5))
+    x2, v2, excess = np.random.default_rng(1).normal(size=(3, *batch, 5))
     factors = np.array([2.0, -3.0, 0.7, 2.0, 0.5])
     for given in (None, excess):
         m = Measurement(x2=x2, v2=v2, force_deficit=given)

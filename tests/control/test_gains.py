@@ -113,16 +113,14 @@ def test_gains_of_modes_have_the_rates_of_the_window_where_single_outputs_have_n
 
 def test_the_typical_inertia_is_the_geometric_mean_of_both_means():
     """``X P^-1 X = Q``; of a single matrix it is that matrix."""
-    generator = np.random.default_rng(8)
-    roots = generator.normal(size=(5, 4, 4)) + 2.0 * np.eye(4)
+    roots = np.random.default_rng(8).normal(size=(5, 4, 4)) + 2.0 * np.eye(4)
     H = roots @ roots.mT
     found = inertia_of_modes(H)
     X = found.modes @ np.diag(found.weights) @ found.modes.T
     P, Q = H.mean(axis=0), np.linalg.inv(np.linalg.inv(H).mean(axis=0))
     np.testing.assert_allclose(X @ np.linalg.solve(P, X), Q, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(found.eigenvalues, np.sort(np.linalg.eigvals(np.linalg.solve(X, H)).real, axis=1))
-    alone = inertia_of_modes(H[:1])
-    np.testing.assert_allclose(alone.eigenvalues, np.ones((1, 4)))
+    np.testing.assert_allclose(inertia_of_modes(H[:1]).eigenvalues, np.ones((1, 4)))
 
 
 @pytest.mark.parametrize(("dt", "delay"), [(0.002, 0.0), (0.01, 0.0), (0.01, 0.02), (0.002, 0.05), (0.01, 0.15)])

@@ -68,8 +68,7 @@ def test_momentum_is_linear_in_masses_and_the_base_moves_as_it_is_conserved(base
     unknown = [UnknownMass("foot", 0.5), UnknownMass("knee", 3.0)]
     regressor = MomentumRegressor(robot, "body", unknown)
     assert regressor.units == ("0.5 kg", "3 kg")
-    p = np.array([1.9, 0.3])
-    model = robot.model.copy()
+    p, model = np.array([1.9, 0.3]), robot.model.copy()
     for joint, mass in (("foot", 0.95), ("knee", 0.9)):
         index = robot.joint_id(joint)
         old = model.inertias[index]
@@ -89,8 +88,7 @@ def test_momentum_is_linear_in_masses_and_the_base_moves_as_it_is_conserved(base
         A = pin.crba(known, known.createData(), q)[rows, rows]
         unit = np.eye(robot.nv)[rows]
         less, more = ([pin.computeKineticEnergy(model, data, q, v + s * e) for e in unit] for s in (-1, 1))
-        momentum = np.subtract(more, less) / 2
-        np.testing.assert_allclose(A @ (y - Y @ p), momentum, atol=1e-9)
+        np.testing.assert_allclose(A @ (y - Y @ p), np.subtract(more, less) / 2, atol=1e-9)
 
 
 def test_masses_that_cannot_be_estimated_are_refused():

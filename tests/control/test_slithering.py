@@ -82,8 +82,7 @@ def test_backing_up_leads_back_along_the_same_path(back):
 def test_noise_of_positions_is_not_differentiated():
     """Of 0.1 mm and mrad; through each two places, as before, 2 rad/s^2 come of it."""
     reduced = fire_truck()
-    task = rnc.Task.of(reduced, *TASK)
-    worst = []
+    task, worst = rnc.Task.of(reduced, *TASK), []
     for window in (None, 0.02):
         reference = SlitheringReference(reduced, task, "tractor", "rear_axle", window=window)
         generator, errors = np.random.default_rng(1), []
@@ -200,8 +199,7 @@ def test_before_the_oldest_place_the_path_is_straight():
             p = place + t * np.array([v, w]) - [ox, oy]
             return np.arctan2(along[1], along[0]) + np.arcsin(left @ p)
 
-        state = DrivenPath(np.array([[ox, oy, psi, 4.0]]), psi)
-        point, _ = law.step(*measured(place, psi, (v, w)), state)
+        point, _ = law.step(*measured(place, psi, (v, w)), DrivenPath(np.array([[ox, oy, psi, 4.0]]), psi))
         theta = [heading(k * h) for k in (-2, -1, 0, 1, 2)]
         np.testing.assert_allclose(point.position, theta[2], atol=1e-12)
         np.testing.assert_allclose(point.velocity, derivatives(theta, h)[0], atol=1e-9)
@@ -278,8 +276,7 @@ def parameter_at(curve, place, L):
 def test_the_end_of_a_chord_between_two_places_is_on_the_cubic_through_them():
     for x, y, h0, turn, far, side in np.random.default_rng(4).uniform(-1, 1, (30, 6)):
         step, across = 0.4 + 0.2 * far, 0.1 * side
-        begin = [x, y, 3 * h0]
-        direction = 3 * h0 + 0.2 * turn + 0.1
+        begin, direction = [x, y, 3 * h0], 3 * h0 + 0.2 * turn + 0.1
         end = (x + step * np.cos(direction), y + step * np.sin(direction), 3 * h0 + 0.4 * turn)
         curve = hermite(begin, end)
         px, py = end[0] + 0.9 * np.cos(end[2]) - across * np.sin(end[2]), end[1] + 0.9 * np.sin(end[2])
@@ -298,8 +295,7 @@ def test_the_end_of_a_chord_between_two_places_is_on_the_cubic_through_them():
 
 def driven(count, spacing, noise, seed, turn=0.8):
     """Places along a winding way, with noise; x, y, heading and distance."""
-    generator = np.random.default_rng(seed)
-    s = spacing * np.arange(count)
+    generator, s = np.random.default_rng(seed), spacing * np.arange(count)
     heading = 1.1 + turn * np.sin(1.5 * s)
     x, y = (np.concatenate([[0.3], 0.3 + np.cumsum(spacing * f(heading[:-1]))]) for f in (np.cos, np.sin))
     path = np.column_stack([x, y, heading, s + 5.0])
@@ -318,8 +314,7 @@ def fitted(path, older, near, kingpin, L, window):
     """Of all quintics that with the least weighed errors of place and heading, and where on it the chord ends."""
     reached = path[older, 3] + np.hypot(near.x - path[older, 0], near.y - path[older, 1])
     c, s = np.cos(near.heading), np.sin(near.heading)
-    axes = np.array([[c, s], [-s, c]])
-    rows = []
+    axes, rows = np.array([[c, s], [-s, c]]), []
     for x, y, heading, distance in path:
         turned = np.angle(np.exp(1j * (heading - near.heading)))
         if abs(distance - reached) <= window and abs(turned) < 1.0:
@@ -347,8 +342,7 @@ def test_the_end_of_a_chord_on_a_fitted_path_is_that_of_the_best_quintic(noise, 
     for seed, (share, off) in enumerate(np.random.default_rng(2).uniform(0.1, 0.9, (8, 2))):
         path = driven(24, 0.07, noise, seed)
         near = near_to(path, 9, share)
-        direction = near.heading + 0.4 * off
-        L = 0.8
+        direction, L = near.heading + 0.4 * off, 0.8
         kingpin = (near.x + 0.82 * np.cos(direction), near.y + 0.82 * np.sin(direction))
         expected, count = fitted(path, 9, near, kingpin, L, window)
         assert count >= 6

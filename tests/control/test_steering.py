@@ -20,8 +20,7 @@ def test_gradient_of_the_kinematics_is_exact():
     for q, _ in random_states(reduced, 4):
         gradient = kinematic_gradient(reduced.at(q), [1, 2])
         for column, output in enumerate((1, 2)):
-            v = reduced.terms(q, np.eye(3)[output]).v
-            h = 1e-4
+            v, h = reduced.terms(q, np.eye(3)[output]).v, 1e-4
             moved = (pin.integrate(reduced.robot.model, q, k * h * v) for k in (-2, -1, 1, 2))
             A = [reduced.terms(each, np.zeros(3)).A_star for each in moved]
             difference = (A[0] - 8 * A[1] + 8 * A[2] - A[3]) / (12 * h)
@@ -80,20 +79,16 @@ def test_steering_is_the_damped_least_squares_of_what_the_vertical_rates_miss(mo
 
 
 def test_steering_takes_over_where_redundant_rates_move_nothing():
-    """A4 up to a billionth; what it is made of is said."""
     law, first, base = steering(np.zeros((3, 6, 6)))
     A = np.zeros((3, 6))
     A[:, PLACES[0]] = 5.0
     A[1] = 7.0  # a vertical output that the task does not name
-    for size, refused in ((1e-9, False), (1.0001e-9, True), (-1.0001e-9, True)):
-        A[0, 4] = size
-        if refused:
-            with pytest.raises(rnc.ConfigurationError) as caught:
-                law.initial_state(Measurement(A_star=A))
-            words = "rates of b_4, b_1 move c_2, c_0 directly (A4 is not zero): use the class-1 controller"
-            assert str(caught.value) == words
-        else:
-            assert law.initial_state(Measurement(A_star=A)) is None
+    assert law.initial_state(Measurement(A_star=A)) is None
+    A[0, 4] = -1e-6
+    with pytest.raises(rnc.ConfigurationError) as caught:
+        law.initial_state(Measurement(A_star=A))
+    words = "rates of b_4, b_1 move c_2, c_0 directly (A4 is not zero): use the class-1 controller"
+    assert str(caught.value) == words
     gains = {"k3": 2.0, "k4": 10.0, "k21": 2.0}
     assert law.describe() == {"type": "SteeringController", **gains}
     reduced = SimpleNamespace(affine=False)

@@ -6,7 +6,7 @@ import pytest
 
 import rnc_pin as rnc
 from driven_bases import KINDS, RADIUS, STEERING_RATE, KinematicPlant, drafted_model, tricycle, turret
-from rnc_pin.control import TwistController, twist_controller
+from rnc_pin.control import TwistController
 from rnc_pin.control.actuator_velocity import velocity_from_actuators
 from systems import ackermann_car, bicycle, fire_truck, spinning_space_robot
 from textbook_systems import differential_drive
@@ -51,10 +51,7 @@ def suitable(name, forward=0.4, turn=0.3, left=0.1):
 
 
 def expected_wheels(name, twist, angles):
-    """Side slip [m/s] and rolling rate [rad/s] of each wheel for a twist of the frame "base" and angles of pivots.
-
-    A wheel at (x, y) has the velocity (vx - w y, vy + w x). Its heading is (cos, sin) of the angle.
-    """
+    """Side slip [m/s] and rolling rate [rad/s] of each wheel, whose hub moves at (vx - w y, vy + w x)."""
     vx, vy, w = twist
     rates, slips = {}, {}
     for joint, each in KINDS[name].wheels.items():
@@ -102,8 +99,7 @@ def test_the_nearest_twist_weights_turning_by_the_length():
     """On the line vy = a w the nearest to (0, 0, w) has the share l^2 / (l^2 + a^2) of w."""
     reduced = model("car")
     for length in (0.2, 0.3, 1.0):
-        controller = TwistController(reduced, "base", length=length)
-        found = controller.feasible(start(reduced), [1.0, 0.0, 0.3])
+        found = TwistController(reduced, "base", length=length).feasible(start(reduced), [1.0, 0.0, 0.3])
         share = length**2 / (length**2 + 0.3**2)
         np.testing.assert_allclose(found.twist, [1.0, 0.3 * 0.3 * share, 0.3 * share], atol=1e-9)
         (cut,) = found.cuts
@@ -335,13 +331,6 @@ def test_the_nearest_twist_within_limits_of_angle_beats_all_others(seed):
     for other in wanted + spread:
         if np.linalg.norm(scale * (other - wanted)) < distance - 1e-6:
             assert not rolls_within(other, name, 1.0)
-
-
-def test_of_more_wheels_than_vehicles_have_only_the_favoured_rolling_is_tried():
-    favoured = np.array([3.0, -1.0, 2.0, 0.0, -4.0, -5.0, 1.0])
-    (signs,) = twist_controller._choices(favoured)
-    assert signs.tolist() == [1, -1, 1, 1, -1, -1, 1]
-    assert {tuple(each) for each in twist_controller._choices(favoured[:2])} == {(1, 1), (1, -1), (-1, 1), (-1, -1)}
 
 
 def test_a_tight_turn_stops_at_the_limit_of_the_angle():

@@ -114,8 +114,7 @@ def test_a_unicycle_takes_up_speed_softly():
 
 def test_a_unicycle_waits_until_it_may_begin():
     """At that time and not before; what it aims at is said all the while, in the places that are its own."""
-    stabilizer = unicycle(begin=1.5, ramp_time=1.0)
-    here = seen(-1.0, 0.3, 0.2)
+    stabilizer, here = unicycle(begin=1.5, ramp_time=1.0), seen(-1.0, 0.3, 0.2)
     state = stabilizer.initial_state(here)
     assert np.array_equal(state, [np.nan, False, False], equal_nan=True)
     for t, since in ((0.0, np.nan), (1.499, np.nan), (1.5, 1.5), (2.0, 1.5)):
@@ -136,23 +135,16 @@ def test_a_unicycle_rests_below_its_limit_and_wakes_at_twice_that(backwards):
     """Distance, heading and motion each; pushed away it sets out again at that time, the way its goal lies."""
     stabilizer = unicycle(tolerance=0.01, ramp_time=1.0)
     drives, rests = (DrivingState(*each, backwards) for each in ((0.0, False), (3.0, True)))
-    inside, outside = 0.0099, 0.0101
-    for at, rest in (
-        (seen(inside * 0.6, inside * 0.8, 0.0), True),
-        (seen(outside * 0.6, outside * 0.8, 0.0), False),
-        (seen(0.0, 0.0, -inside), True),
-        (seen(0.0, 0.0, -outside), False),
-        (seen(0.0, 0.0, 0.0, (0.0, -inside)), True),
-        (seen(0.0, 0.0, 0.0, (0.0, -outside)), False),
-        (seen(0.0, 0.0, 0.0, (inside, 0.0)), True),
-        (seen(0.0, 0.0, 0.0, (outside, 0.0)), False),
-    ):
-        target, state = stabilizer.step(4.0, at, drives)
-        assert (state.resting, state.since) == (rest, 4.0 if rest else 0.0)
-        if rest:
-            assert state.backwards == backwards
-            assert not target.v2.any()
-            assert not target.v2_dot.any()
+    for size in (0.0099, 0.0101):
+        here, rest = (0.0, 0.0, 0.0), size < 0.01
+        for at in (
+            *(seen(0.6 * size, 0.8 * size, 0.0), seen(0.0, 0.0, -size)),
+            *(seen(*here, (0.0, -size)), seen(*here, (size, 0.0))),
+        ):
+            target, state = stabilizer.step(4.0, at, drives)
+            assert (state.resting, state.since) == (rest, 4.0 if rest else 0.0)
+            if rest:
+                assert (state.backwards, target.v2.any(), target.v2_dot.any()) == (backwards, False, False)
     for x, y, turn in ((0.0199, 0.0, 0.0), (0.0, -0.0199, 0.0), (0.0, 0.0, 0.0199)):
         target, state = stabilizer.step(5.0, seen(x, y, turn, (0.02, 0.0)), rests)
         assert state == rests

@@ -82,8 +82,7 @@ def test_a_velocity_tracker_takes_the_step_of_its_law_output_by_output(sigma, zo
     assert (after.time, after.target) == (2.35, 6)
     kinds = set()
     for i, j in np.ndindex(6, 2):
-        products = np.kron(v2[i], v2d[i])
-        w = np.concatenate([[1.0], v2d_dot[i], products])
+        w = np.concatenate([[1.0], v2d_dot[i], np.kron(v2[i], v2d[i])])
         error = v2d[i, j] - v2[i, j]
         seen = np.sign(error) * max(abs(error) - np.broadcast_to(zone, 2)[j], 0.0)
         s = learnt_over(0.35, sigma, 0.0, 1.0)

@@ -35,8 +35,7 @@ def test_assembling_takes_the_shortest_way_as_inertia_measures_it():
     """By a constant inertia M: ``q - M^-1 A^T (A M^-1 A^T)^-1 r``, and with joints held the same of others."""
     robot = sliders()
     M = np.array([[10.0, 8, 5], [8, 8, 5], [5, 5, 5]])
-    rows = [coupling("b", "a", 2.0, 0.3).bind(robot)]
-    assembly, A = Assembly(robot, rows), np.array([[-2.0, 1.0, 0.0]])
+    assembly, A = Assembly(robot, [coupling("b", "a", 2.0, 0.3).bind(robot)]), np.array([[-2.0, 1.0, 0.0]])
     for scale in (0.1, 4.0):
         for q in scale * np.random.default_rng(1).normal(size=(3, 3)):
             residual = A @ q - 0.3
@@ -54,8 +53,7 @@ def test_assembling_takes_the_shortest_way_as_inertia_measures_it():
 
 
 def test_nothing_to_assemble():
-    nothing = Assembly(sliders(), [])
-    q = np.array([0.1, 0.2, 0.3])
+    nothing, q = Assembly(sliders(), []), np.array([0.1, 0.2, 0.3])
     assert nothing.project(q) is q
     assert (nothing.rank(q), nothing.size, nothing.names) == (0, 0, ())
     assert (nothing.leading.shape, nothing.residual(np.zeros((4, 2, 3))).shape) == ((0,), (4, 2, 0))
@@ -103,16 +101,14 @@ def test_rows_of_the_ground_that_no_joint_moves_are_left_alone():
     q = np.ones(3)
     np.testing.assert_allclose(given.residual(q), matrix[[0, 1, 3, 4]].sum(axis=1) - 1.0)
     np.testing.assert_allclose(ground.residual(q), matrix[[3, 4]].sum(axis=1) - 1.0)
-    at = Kinematics(robot).position(q)
-    np.testing.assert_array_equal(ground.jacobian(at), matrix[[3, 4]])
+    np.testing.assert_array_equal(ground.jacobian(Kinematics(robot).position(q)), matrix[[3, 4]])
 
 
 def test_a_row_that_was_thought_to_follow_and_does_not_is_met_with_the_others():
     robot = sliders()
     rows = [coupling("b", "a", 2.0, 0.3).bind(robot), coupling("c", "a", -1.0, 0.1).bind(robot)]
     assembly = Assembly(robot, rows, ["coupling(c, a)"])
-    found = assembly.project(np.array([0.4, -0.2, 0.1]))
-    np.testing.assert_allclose(assembly.residual(found), 0.0, atol=1e-11)
+    np.testing.assert_allclose(assembly.residual(assembly.project(np.array([0.4, -0.2, 0.1]))), 0.0, atol=1e-11)
 
     class Turning(Flat):
         def jacobian(self, at):

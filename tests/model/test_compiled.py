@@ -38,8 +38,7 @@ def test_a_step_that_is_too_long_is_left_to_python():
 @needs_library
 def test_built_in_rows_need_no_python():
     """Only rows of the user are evaluated in Python."""
-    reduced = outputs_of_all_kinds()
-    kernel = ReductionKernel(reduced.reduction_data)
+    kernel = ReductionKernel(outputs_of_all_kinds().reduction_data)
     names = [name for place in (*kernel.external, *kernel.external_vertical) for name in place.block.names]
     assert names == ["row", "own"]
     assert [block.names[0] for blocks in kernel.python_values for block, _ in blocks] == ["tip_orientation_x"]
@@ -62,8 +61,7 @@ def test_a_state_that_is_singular_for_the_default_rows_is_evaluated_by_numpy():
     """The other states of a batch are evaluated by NumPy too, with the same result."""
     reduced = four_bar()
     (q, v2), *_ = random_states(reduced, 2)
-    flat = reduced.robot.configuration()
-    assert reduced.at(np.stack([q, flat])).compiled_kinematics is None
+    assert reduced.at(np.stack([q, reduced.robot.configuration()])).compiled_kinematics is None
     found = reduced.forward_dynamics(q, v2, np.zeros(reduced.p))
     np.testing.assert_allclose(found, by_numpy(reduced, q, v2=v2).v2_dot(np.zeros(reduced.p)), rtol=1e-9)
 
@@ -257,6 +255,5 @@ def test_the_rows_of_another_reduction_are_told_apart():
     """Vertical outputs leave E as it is; other velocities, rows or times do not."""
     data = tiago().reduction_data
     assert data.measuring(data.vertical).has_rows_of(data)
-    entries = list(range(data.r))
-    for other in (data.in_entries(entries), data.keeping(data.kept[:0]), data.frozen(1.0)):
+    for other in (data.in_entries(list(range(data.r))), data.keeping(data.kept[:0]), data.frozen(1.0)):
         assert not other.has_rows_of(data)

@@ -105,8 +105,7 @@ def test_constraints_that_lose_rank_keep_the_rows_that_they_had():
         (2e-8, 3.0, 1.0, True), (0.5e-8, 3.0, 1.0, False), (0.5, 1e-9, 0.02, True), (0.5, 1e-9, 0.3, False),
         (0.5, 1.0, 0.0, False),
     ):  # fmt: skip
-        third = size * np.array([np.sqrt(1 - sine**2), sine, 0.0])
-        rows = np.array([[1.0, 0, 0], [1.0, 0, 0], third])
+        rows = np.array([[1.0, 0, 0], [1.0, 0, 0], size * np.array([np.sqrt(1 - sine**2), sine, 0.0])])
         state = resting(on_rails(rows, (0, 1), [[0, 0, 1.0]], 1e12, [1.0, 1.0, length, 1.0]))
         assert (state.factorization.kept is not None) == chosen
         assert (state.regular, state.kept.shape) == (chosen, (2,))
@@ -207,8 +206,7 @@ def test_one_of_many_states_whose_forces_have_no_bound():
 
 def test_of_many_states_the_first_that_is_singular_is_told():
     """With its size and the names of its rows; what is not a number has an error of its own, where it comes from."""
-    robot = sleigh().robot
-    generator = np.random.default_rng(0)
+    robot, generator = sleigh().robot, np.random.default_rng(0)
     q = np.stack([[robot.random_configuration(generator) for _ in range(3)] for _ in range(2)])
     sizes = np.array([[1.0, 2.0, 1.0], [1.0, 0.25, 0.1]])
     check_defined("small", q[0], np.array([np.nan, 1.0, 1.0]), 0.5, ("row",))

@@ -140,8 +140,7 @@ def test_results_are_immutable(bar, pinned, again):
 
 def two_links(masses=(1.0, 2.0), length=0.7):
     """A planar arm of two rods, hinged at the origin, and its mass matrix in closed form."""
-    model = pin.Model()
-    joint = 0
+    model, joint = pin.Model(), 0
     for number, mass in enumerate(masses):
         moments, place = np.array([0.0, 1.0, 1.0]) * mass * length**2 / 12, (length if number else 0.0, 0.0, 0.0)
         joint = add_body(model, f"joint_{number}", "RZ", mass, joint, com=(length / 2, 0, 0), moments=moments, at=place)
@@ -157,11 +156,9 @@ def test_an_arm_that_grasps_a_fixed_point_stops():
     assert np.abs(jump.v).max() < 1e-12
     # Rods of masses 1 and 2: energy by the parallel axis theorem, and J^T Lambda = -M v by hand.
     inertia, coupling = length**2 / 3, length**2 / 2
-    c = np.cos(0.9)
-    M22 = 2 * inertia
+    c, M22 = np.cos(0.9), 2 * inertia
     M12 = M22 + 2 * coupling * c
-    M11 = inertia + M22 + 2 * length**2 + 4 * coupling * c
-    M = np.array([[M11, M12], [M12, M22]])
+    M = np.array([[inertia + M22 + 2 * length**2 + 4 * coupling * c, M12], [M12, M22]])
     assert jump.loss == pytest.approx(0.5 * v @ M @ v, rel=1e-12)
     J = length * np.array([[-np.sin(0.4) - np.sin(1.3), -np.sin(1.3)], [np.cos(0.4) + np.cos(1.3), np.cos(1.3)]])
     assert np.array(list(jump.impulses.values())) == pytest.approx(-np.linalg.solve(J.T, M @ v), rel=1e-9)

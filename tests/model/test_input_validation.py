@@ -42,21 +42,6 @@ def test_configurations_are_admitted_by_shape_number_and_length():
         vector([np.nan, 1.0], 2, "v")
 
 
-@pytest.mark.parametrize("kinds", ["U", "XU", "UU"])
-def test_angles_without_end_are_of_unit_length_to_a_millionth(kinds):
-    validator = ConfigurationValidator(sliders(kinds))
-    unit = np.concatenate([[0.6, -0.8] if kind == "U" else [7.0] for kind in kinds])
-    for off, good in ((0.95e-6, True), (-0.95e-6, True), (1.05e-6, False), (-1.05e-6, False)):
-        q = unit * np.where(np.arange(len(unit)) >= len(unit) - 2, 1 + off, 1.0)
-        for given in (q, np.stack([unit, q]), np.stack([[q, unit], [unit, unit]])):
-            if good:
-                np.testing.assert_array_equal(validator.validate(given), given)
-            else:
-                words = r"^q holds a \(cos, sin\) pair or a quaternion that is not of"
-                with pytest.raises(rnc.InputError, match=words):
-                    validator.validate(given)
-
-
 NO_NUMBERS = [
     lambda array: array.astype(complex),
     lambda array: array.astype(str),

@@ -34,8 +34,7 @@ def one_joint(kind):
 def test_charts_move_by_the_right_jacobian_of_the_exponential(kind, angle):
     """Against its series, sum of (-ad)^k / (k + 1)!; Pinocchio's own loses nine digits at 1e-4 rad."""
     robot = one_joint(kind)
-    generator = np.random.default_rng(1)
-    u, v = generator.normal(size=(2, robot.nv))
+    u, v = np.random.default_rng(1).normal(size=(2, robot.nv))
     turning = JOINTS[kind][1]
     u[turning] *= angle / np.linalg.norm(u[turning])
     ad = np.stack([bracket(kind, u, e) for e in np.eye(robot.nv)], axis=-1)
@@ -60,8 +59,7 @@ def test_a_step_of_exponential_growth_has_the_stages_of_the_textbook(z):
     add_body(model, "slide", "PX", 1.0)
     rate = lambda q, y: (y[:1], np.array([z / h * y[0], 50.0]))  # noqa: E731
     q, y, rough = LieRungeKutta4(rnc.Robot(model)).measured_step(rate, np.array([0.3]), np.array([2.0, 1.0]), h, 1)
-    grown = 2.0 * (1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24)
-    np.testing.assert_allclose(y, [grown, 1.0 + 50.0 * h], rtol=1e-14)
+    np.testing.assert_allclose(y, [2.0 * (1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24), 1.0 + 50.0 * h], rtol=1e-14)
     np.testing.assert_allclose(q, 0.3 + h * 2.0 * (1 + z / 2 + z**2 / 6 + z**3 / 24), rtol=1e-14)
     uneven, bent = abs(z**2 / 4), abs(z**2 / 4 + z**3 / 4)  # of the slope of y; the slider's are those of y itself
     assert rough == pytest.approx(2.0 * max(abs(z), h) * max(uneven, bent), rel=1e-12)
@@ -121,8 +119,7 @@ def test_free_motion_agrees_with_a_fixed_step_that_is_halved():
         run = rnc.simulate(reduced, Inputs(lambda _: T), q0, duration, duration / steps, v2_0=v2)
         gap = pin.difference(reduced.robot.model, exact.q[-1], run.q[-1])
         errors.append(np.linalg.norm(np.r_[gap, run.v2[-1] - exact.v2[-1]]))
-    orders = np.log2(np.array(errors[:-1]) / errors[1:])
-    np.testing.assert_allclose(orders, 4.0, atol=0.25)
+    np.testing.assert_allclose(np.log2(np.array(errors[:-1]) / errors[1:]), 4.0, atol=0.25)
     assert exact.energy[-1] - exact.work[-1] == pytest.approx(exact.energy[0], abs=1e-10)
 
 

@@ -18,8 +18,7 @@ def test_a_row_is_naturally_as_long_as_in_the_median_or_where_most_are_zero_at_i
     sizes = np.array([[3.0, 0.0, 0.0, 6e-12], [1.0, 0.0, 5.0, 0.0], [2.0, 0.0, 0.0, 8e-12], [7.0, 4.0, 6.0, 0.0]])
 
     def rows(q):
-        size = sizes[int(q[0])]
-        return np.outer(size, [0.6, 0.0, -0.8])
+        return np.outer(sizes[int(q[0])], [0.6, 0.0, -0.8])
 
     outputs = OutputStack([VelocityRows(np.array([[0.0, 3.0, 4.0]]), ["v"], [""])])
     q = np.zeros((4, 3))
@@ -43,8 +42,7 @@ def test_a_reduction_is_put_together_again_in_other_velocities():
     rows = [Flat(np.arange(8.0).reshape(2, 4), "ab"), Flat([[1.0, 0, 0, -1.0]], "c")]
     outputs = OutputStack([VelocityRows(np.eye(4)[[1, 3]], ["x", "y"], ["m/s", "rad/s"])])
     vertical = OutputStack([rnc.JointPosition("c").bind(robot)])
-    lengths = np.array([5.0, 7.0, 0.5, 2.0, 4.0])
-    actuation = Actuation(["a"], robot)
+    lengths, actuation = np.array([5.0, 7.0, 0.5, 2.0, 4.0]), Actuation(["a"], robot)
     shared = (Kinematics(robot), PassiveForces((), robot))
     parts = ReductionData(robot, RowStack(rows), (0, 2), actuation, outputs, vertical, 1e5, lengths, *shared)
     assert (parts.n, parts.m, parts.r, parts.p, parts.has_alternatives) == (4, 2, 2, 1, True)

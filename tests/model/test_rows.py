@@ -58,8 +58,7 @@ def test_a_stack_of_some_rows_is_what_its_blocks_say_one_by_one():
 
 
 def test_rows_say_nothing_of_what_they_have_not():
-    robot = sliders()
-    rows = Flat(np.eye(3)[:2], ["a", "b"])
+    robot, rows = sliders(), Flat(np.eye(3)[:2], ["a", "b"])
     at = Kinematics(robot).position(np.zeros((4, 5, 3)))
     for values in (rows.rate(at), rows.rate_dot(at), Rows.residual(rows, at), rows.bias_acceleration(at)):
         assert values.shape == (4, 5, 2)

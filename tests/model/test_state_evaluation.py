@@ -162,8 +162,7 @@ def test_without_outputs_no_velocities_are_ever_dependent():
     slide = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "x")
     across = model.addJoint(slide, pin.JointModelPY(), pin.SE3.Identity(), "y")
     add_body(model, "heading", "RZ", pin.Inertia.FromSphere(2.0, 0.3), across, frame="blade")
-    push = np.eye(3)
-    reduced = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.NoSideSlip("blade")], push).reduce()
+    reduced = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.NoSideSlip("blade")], np.eye(3)).reduce()
     headings = np.linspace(0.0, 2 * np.pi, 73)
     q = np.stack([np.array([0.3, -0.2, heading]) for heading in headings])
     state = reduced.at(q, np.ones((73, 2)))
@@ -338,13 +337,11 @@ def plain(system, q, v2, T, damping, v=None):
     frame = pin.computeFrameJacobian(model, data, q, model.getFrameId("tip"), pin.LOCAL)
     actuators[:, 2], actuators[:, 3] = frame[1], frame[3]
     H, V = R.T @ M @ R, R.T @ (M @ R_dot + C @ R)
-    G = R.T @ (g + M @ b_dot + C @ b)
-    reduced = R.T @ actuators
+    G, reduced = R.T @ (g + M @ b_dot + C @ b), R.T @ actuators
     found = {"R": R, "b": b, "v": v, "v2": v2, "J2": J2, "R_dot": R_dot, "b_dot": b_dot, "M": M, "C": C, "g": g}
     found |= {"B": actuators, "H": H, "V": V, "G": G}
     found |= {"input_matrix": reduced, "bias": C @ v + g}
-    all_rows = W.at(q) @ B.at(q)
-    all_rates = W.at(q) @ m.at(q)
+    all_rows, all_rates = W.at(q) @ B.at(q), W.at(q) @ m.at(q)
     all_rows_dot = W.rate(v) @ B.at(q) + W.at(q) @ B.rate(v)
     all_rates_dot = W.rate(v) @ m.at(q) + W.at(q) @ m.rate(v)
     J1, J1_dot = x.directions.at(q), x.directions.rate(v)
@@ -373,10 +370,7 @@ def assert_close(there, here, what):
 @pytest.mark.parametrize("measured", [False, True], ids=["reduced velocity", "measured velocity"])
 @pytest.mark.parametrize("single", [True, False])
 def test_all_of_it_where_other_rows_had_to_be_chosen(system, single, measured):
-    """R, the forces and all that follows do not depend on the choice; what is of the rows is of those in A.
-
-    A measured velocity slips: gamma and rates are along it; R, b and A keep to the rows.
-    """
+    """R, forces and what follows do not depend on the choice; gamma and rates are along a velocity that slips."""
     q, v2 = states(system.generator, PLACES)
     T, damping = system.generator.normal(size=(2, 3, 4)), np.linspace(0.1, 0.9, N)
     slipping, integrals = (system.generator.normal(size=(2, 3, size)) for size in (N, 3))
@@ -494,6 +488,5 @@ def test_accelerations_of_rows_are_those_of_the_dynamics(passive):
     bias = pin.nonLinearEffects(robot.model, robot.model.createData(), q, state.v) - spring
     for inputs in (np.zeros(4), T):
         right = np.concatenate([state.B @ inputs - bias, -(state.A_dot @ state.v)])
-        v_dot = np.linalg.solve(matrix, right)[:5]
-        v2_dot = np.linalg.lstsq(state.R, v_dot - state.R_dot @ v2, rcond=None)[0]
+        v2_dot = np.linalg.lstsq(state.R, np.linalg.solve(matrix, right)[:5] - state.R_dot @ v2, rcond=None)[0]
         np.testing.assert_allclose(by_input @ inputs + free, rows @ v2_dot, rtol=KKT, atol=1e-10)

@@ -94,8 +94,7 @@ def test_next_to_a_singular_configuration_the_answer_is_still_right():
 def test_momentum_has_the_unit_of_the_motion_that_it_belongs_to(joint, units):
     model = pin.Model()
     model.gravity.linear = np.zeros(3)
-    base = add_body(model, "base", joint, 2.0)
-    add_body(model, "arm", "RZ", 1.0, base, com=(0.3, 0.0, 0.0))
+    add_body(model, "arm", "RZ", 1.0, add_body(model, "base", joint, 2.0), com=(0.3, 0.0, 0.0))
     assert rnc.MomentumConservation("base").bind(rnc.Robot(model)).units == units
 
 
@@ -115,8 +114,7 @@ def test_rows_may_be_undefined_at_some_configurations(line, words):
 
 
 def test_a_system_says_what_there_is_too_much_or_too_little_of():
-    robot = sliders()
-    free = rnc.NonholonomicSystem(robot, [coupling("b", "a")], ["a"])
+    free = rnc.NonholonomicSystem(sliders(), [coupling("b", "a")], ["a"])
     assert (free.n, free.m, free.p, free.r) == (3, 1, 1, 2)
     base = rnc.Robot(rolling_base({"left": (0.0, 0.3), "right": (0.0, -0.3)}, 0.1))
     rolling = rnc.NonholonomicSystem(base, [rnc.RollingWheel(name, 0.1) for name in ("left", "right")])
@@ -163,8 +161,7 @@ def test_rows_that_are_nearly_dependent_are_warned_of_below_a_thousandth():
 
 
 def test_rows_that_rounding_leaves_are_named_with_the_worst_of_it():
-    robot = sliders("XXXX", (2.0, 3.0, 5.0, 7.0))
-    matrix = np.eye(4)[[0, 0, 1, 1]]
+    robot, matrix = sliders("XXXX", (2.0, 3.0, 5.0, 7.0)), np.eye(4)[[0, 0, 1, 1]]
     matrix[[1, 3], [2, 2]] = 2e-6, 3e-6
     system, said = warnings_of(robot, [Bound(Flat(matrix, "abcd", holonomic=(False,) * 4))])
     assert (system.kept, system.m, system.r) == ([0, 2], 2, 2)
@@ -252,8 +249,7 @@ def test_outputs_that_are_dependent_everywhere_are_named():
 
 def test_without_outputs_the_entries_are_those_that_are_best_where_they_are_worst():
     """Of the candidates of single samples, by the smallest singular value of the null space in these entries."""
-    generator = np.random.default_rng(0)
-    W = generator.normal(size=(4, 2, 4))
+    W = np.random.default_rng(0).normal(size=(4, 2, 4))
 
     def turning(q):
         return np.tensordot(np.cos(q), W, axes=1) + 0.2 * W[0]
@@ -279,8 +275,7 @@ def test_best_entries_leave_the_rest_moderate():
 
 def test_of_entries_that_do_equally_well_the_first_is_taken():
     """Whatever rounding says: joints that turn together, in any of many states."""
-    generator = np.random.default_rng(2)
-    last = [0.0, 0.0, 1.0, 0.0, -1.0, 0.0]
+    generator, last = np.random.default_rng(2), [0.0, 0.0, 1.0, 0.0, -1.0, 0.0]
     chosen = [best_entries(np.vstack([generator.normal(size=(2, 6)), last]), 3) for _ in range(200)]
     assert {(2 in each, 4 in each) for each in chosen} == {(True, False), (False, False)}
 

@@ -56,8 +56,7 @@ def compare(reduced, q, v2, size=1e-3):
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * scale * condition, err_msg=what)
 
     plain = by_numpy(reduced, q, v2=v2)
-    condition = np.max(plain.condition) ** 2
-    found = reduced.at(q, v2)
+    condition, found = np.max(plain.condition) ** 2, reduced.at(q, v2)
     assert found.arrays_at_q.vertical is not None
     inertial = np.abs(plain.C).max() * np.abs(plain.v).max() * np.abs(plain.R).max()  # cancels in G
     for name in (*CONFIGURATION, *STATE):

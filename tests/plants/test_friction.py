@@ -130,8 +130,7 @@ def test_friction_agrees_with_a_steep_smooth_law_that_is_integrated_finely():
     limit, duration, width = 0.4, 1.5, 1e-5
     reduced.robot.model.upperDryFrictionLimit = np.r_[np.zeros(3), limit, limit]
     push = lambda t: np.array([1.5 * np.cos(4 * t), 0.3, -0.9 * np.sin(3 * t), 0.35])  # noqa: E731
-    dt = 0.01
-    plant = ReducedPlant(reduced, **RUBBED)
+    dt, plant = 0.01, ReducedPlant(reduced, **RUBBED)
     plant.reset(q0, reduced.at(q0, V2).v)
     balance = plant.state.energy
     for k in range(round(duration / dt)):
@@ -148,8 +147,7 @@ def test_friction_agrees_with_a_steep_smooth_law_that_is_integrated_finely():
     y = np.concatenate([np.zeros(5), V2])
     for k in range(round(duration / dt)):
         y = solve_ivp(rate, (0, dt), y, "LSODA", args=(push(k * dt),), rtol=1e-8, atol=1e-9).y[:, -1]
-    expected = pin.integrate(reduced.robot.model, q0, y[:5])
-    np.testing.assert_allclose(plant.read()[0], expected, atol=2e-3)
+    np.testing.assert_allclose(plant.read()[0], pin.integrate(reduced.robot.model, q0, y[:5]), atol=2e-3)
     np.testing.assert_allclose(plant.state.v2, y[5:], atol=5e-3)
     assert plant.state.energy - plant.work == pytest.approx(balance, abs=1e-6)
 

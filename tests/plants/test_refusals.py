@@ -23,8 +23,7 @@ def contact(kind=BALL, **options):
 
 
 def below_the_ground():
-    q = np.array([0, 0, 0.05, 0, 0, 0, 1.0])
-    contact_plant(contact()).reset(q, np.zeros(6))
+    contact_plant(contact()).reset(np.array([0, 0, 0.05, 0, 0, 0, 1.0]), np.zeros(6))
 
 
 def sleigh():

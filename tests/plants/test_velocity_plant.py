@@ -30,8 +30,7 @@ def test_actuators_lag_exactly_and_constraints_hold():
     for sample in range(1, 21):
         plant.advance(0.05)
         q, v = plant.read()
-        expected = u + np.exp(-0.05 * sample / 0.2) * (w0 - u)
-        assert reduced.at(q).B.T @ v == pytest.approx(expected, abs=1e-12)
+        assert reduced.at(q).B.T @ v == pytest.approx(u + np.exp(-0.05 * sample / 0.2) * (w0 - u), abs=1e-12)
         assert np.abs(reduced.at(q, v=v).residual).max() < 1e-12
 
 

@@ -224,8 +224,7 @@ class Blind:
 ])  # fmt: skip
 def test_fallback_commands_fail_if_they_last_to_the_end_or_for_most_of_the_run(first, last, word, samples):
     reduced = systems.space_robot()
-    controller = Idle(3)
-    run = rnc.simulate(reduced, controller, bent(reduced), 0.2, 0.01, plant=Blind(reduced, first, last))
+    run = rnc.simulate(reduced, Idle(3), bent(reduced), 0.2, 0.01, plant=Blind(reduced, first, last))
     assert run.outcome is rnc.Outcome.COMPLETED
     assert run.verdict.word == word
     assert [each.kind for each in run.verdict.findings] == [FindingKind.FALLBACK] * bool(samples)
@@ -268,8 +267,7 @@ def test_a_run_that_ends_early_fails_and_its_goals_are_not_judged():
     fast = rnc.SimulationOptions(rnc.Stop(speed=2.0))
     with pytest.raises(rnc.DivergenceError) as caught:
         rnc.free_motion(reduced, bent(reduced), np.full(3, 5.0), duration=1.0, options=fast)
-    run = caught.value.trajectory
-    verdict = rnc.simulation.judge(run, goal_errors={"far": 1.0})
+    verdict = rnc.simulation.judge(caught.value.trajectory, goal_errors={"far": 1.0})
     assert [each.kind for each in verdict.findings] == [FindingKind.ENDED_EARLY]
     assert str(verdict.first) == str(caught.value)
 
@@ -283,15 +281,13 @@ def test_a_verdict_stays_with_the_file_of_its_run(tmp_path):
     run.save(tmp_path / "run.npz")
     assert rnc.Trajectory.load(tmp_path / "run.npz").verdict == run.verdict
     assert not run.verdict.succeeded
-    unknown = replace(run, q=np.full_like(run.q, np.nan))
-    unknown.save(tmp_path / "unknown.npz")
+    replace(run, q=np.full_like(run.q, np.nan)).save(tmp_path / "unknown.npz")
     with np.load(tmp_path / "unknown.npz") as file:
         assert np.isnan(file["q"]).all()
 
 
 def replay_of(*clearances, omitted=()):
-    time = np.array([0.0, 1.0])
-    return LimitReplay((), clearances, omitted, time, np.zeros((2, 0)), 0.2, 1e-3)
+    return LimitReplay((), clearances, omitted, np.array([0.0, 1.0]), np.zeros((2, 0)), 0.2, 1e-3)
 
 
 def test_thresholds():

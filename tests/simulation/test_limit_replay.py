@@ -41,8 +41,7 @@ def test_excesses_are_found_with_time_and_share(run_of_panda):
     q[40, 1] = model.upperPositionLimit[1] + 0.01
     v[50, 2] = -1.25 * model.upperVelocityLimit[2]
     T[60, 3] = 2.0 * model.upperEffortLimit[3]
-    replay = replay_limits(robot, replace(run, q=q, v=v, T=T))
-    found = {(use.kind, use.name): use for use in replay.violations}
+    found = {(use.kind, use.name): use for use in replay_limits(robot, replace(run, q=q, v=v, T=T)).violations}
     assert set(found) == {("position", "panda_joint2"), ("velocity", "panda_joint3"), ("effort", "panda_joint4")}
     reach = model.upperPositionLimit[1] - model.lowerPositionLimit[1]
     assert found["position", "panda_joint2"].excess == pytest.approx(0.01 / reach)
@@ -111,8 +110,7 @@ def test_a_run_without_end_is_not_certain(tmp_path):
     robot = cart_with_arm(tmp_path)
     run = run_through(robot, (0.0, 0.0), (1e7, -1e7), (-1e9, 1e9))
     wall = Obstacle(coal.Box(0.1, 9.0, 9.0), position=(1.13, 0.0, 0.0), name="wall")
-    replay = replay_limits(robot, run, [wall], within=0.3)
-    assert any(each.uncertain for each in replay.clearances)
+    assert any(each.uncertain for each in replay_limits(robot, run, [wall], within=0.3).clearances)
 
 
 def test_other_robot_is_refused(run_of_panda):

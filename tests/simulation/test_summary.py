@@ -20,7 +20,6 @@ def test_drift_is_the_energy_that_no_work_explains():
     assert summarize(run)["energy_drift"] < 1e-9  # though its energy is not what it was
     lost = 0.25 * exchanged * np.linspace(0, 1, len(run.time)) ** 2
     assert summarize(replace(run, work=run.work + lost))["energy_drift"] == pytest.approx(0.25, abs=1e-9)
-    idle = replace(run, work=np.zeros_like(run.work))
-    assert summarize(idle)["energy_drift"] == pytest.approx(1.0)
+    assert summarize(replace(run, work=np.zeros_like(run.work)))["energy_drift"] == pytest.approx(1.0)
     constant = replace(run, energy=5.0 + 1e-9 * np.linspace(0, 1, len(run.time)), work=np.zeros_like(run.work))
     assert summarize(constant)["energy_drift"] == pytest.approx(2e-10)  # of the energy, not of its errors

@@ -25,21 +25,13 @@ _FAMILIES = {
 
 @dataclass(frozen=True)
 class BaseKind:
-    """Kind of base.
+    """Kind of base."""
 
-    Attributes:
-        base: "fixed", "planar", "free", or "file" for the base of the file.
-        family: e.g. "skid-steered"; the draft's own words if none is known.
-        trailers: how many are towed.
-        wheels: how many the draft counts, or how many roll.
-        actuators: inputs of the base: forces and torques on it, and joints between the base and a wheel.
-    """
-
-    base: str
-    family: str
+    base: str  # "fixed", "planar", "free", or "file" for the base of the file
+    family: str  # e.g. "skid-steered"; the draft's own words if none is known
     trailers: int
-    wheels: int
-    actuators: int
+    wheels: int  # that the draft counts, or that roll
+    actuators: int  # inputs of the base: forces and torques on it, and joints between the base and a wheel
 
     def __str__(self) -> str:
         towing = f", {self.trailers} trailers" if self.trailers else ""

@@ -7,18 +7,10 @@ import rnc_pin as rnc
 
 
 def add_body(model, name, kind, body, parent=0, *, com=(0, 0, 0), moments=1.0, at=None, frame=None):
-    """Add a joint that carries a body, and return the index of the joint.
+    """Add a joint that carries a body, and a frame at it where that has a name; return the index of the joint.
 
-    Args:
-        model: the model.
-        name: name of the joint.
-        kind: joint model, or what follows ``pin.JointModel`` in its name.
-        body: mass of the body [kg], or its inertia in the axes of the joint.
-        parent: index of the joint before it, 0 for the world.
-        com: center of mass [m].
-        moments: moments of inertia about the center of mass, one for all axes or three [kg m^2].
-        at: placement of the joint, or its place [m]; that of its parent by default.
-        frame: name of a frame at the joint, None for none.
+    ``kind`` may be what follows ``pin.JointModel``, ``body`` a mass [kg] or an inertia, ``moments`` one or three about
+    the center of mass [kg m^2], and ``at`` a placement or a place [m] on the parent.
     """
     here = pin.SE3.Identity()
     if isinstance(kind, str):

@@ -103,8 +103,7 @@ def drawn_motion(seed: int) -> DrawnMotion:
     speed = generator.uniform(0.2, 1.5)
     for _ in time[1:]:
         q.append(pin.integrate(model, q[-1], speed * generator.normal(size=model.nv)))
-    data = model.createData()
-    obstacles = []
+    data, obstacles = model.createData(), []
     for k in range(generator.integers(1, 4)):  # near the path of a link
         pin.forwardKinematics(model, data, q[generator.integers(len(q))])
         place = data.oMi[int(generator.integers(1, model.njoints))].translation + generator.normal(scale=0.25, size=3)
@@ -113,10 +112,7 @@ def drawn_motion(seed: int) -> DrawnMotion:
 
 
 class DenseReplay:
-    """Smallest distances of pairs of shapes at many times, by Pinocchio's kinematics and coal.
-
-    Each minimum over ``DENSE`` times between two samples is refined by further times about it.
-    """
+    """Smallest distances of pairs of shapes at many times, by Pinocchio's kinematics and coal; minima are refined."""
 
     def __init__(self, motion: DrawnMotion, pairs: list[tuple[int, int]]) -> None:
         self._motion, self._pairs, self._data = motion, pairs, motion.robot.model.createData()

@@ -71,8 +71,7 @@ def _steered(turns_round=False, parent="base", **places):
 
 def differential():
     parts, wheels = _fixed(left=(0.0, 0.2), right=(0.0, -0.2))
-    swivel = caster("swivel", "base", (0.3, 0.0, -0.05))
-    return _base(*parts, swivel, driven=wheels, wheels=wheels)
+    return _base(*parts, caster("swivel", "base", (0.3, 0.0, -0.05)), driven=wheels, wheels=wheels)
 
 
 def tricycle(turns_round=False):
@@ -181,17 +180,7 @@ def drafted_file(base: Base, folder: Path) -> str:
 
 
 class KinematicPlant:
-    """Base with velocity servos: its motion follows from the motors alone, by the independent rows.
-
-    Args:
-        reduced: the model.
-        q: initial configuration (nq,).
-        substeps: steps of the midpoint rule for one sample.
-
-    Attributes:
-        q: configuration (nq,).
-        v: velocity (nv,) of the last step, at the configuration ``middle``.
-    """
+    """Base with velocity servos: its motion follows from the motors alone, by the independent rows."""
 
     def __init__(self, reduced, q, substeps=2):
         self.reduced, self.q, self.v, self._substeps = reduced, q, np.zeros(reduced.n), substeps

@@ -15,8 +15,7 @@ from rnc_pin.applications.drive.run import RealTimeClock, drive
 def prepared(source, commands=(), frames=(), **options):
     """A driven run of a scenario or a robot; commands are pairs of a sample and a message."""
     given = {key.replace("__", "."): value for key, value in options.items()}
-    scenario = read_source(source, given)
-    drive = prepare_drive(scenario, given, frames)
+    drive = prepare_drive(read_source(source, given), given, frames)
     script(drive, commands)
     return drive
 

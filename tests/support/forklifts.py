@@ -35,10 +35,7 @@ def goal_of(pose, lift):
 
 
 def replay(plan, model, step=1e-3):
-    """Configurations every step of a plan in the acceleration form, from its inputs alone.
-
-    The base has the twist (speed, 0, turn) in its own axes.
-    """
+    """Configurations every step of a plan in the acceleration form; the twist (speed, 0, turn) is in own axes."""
     assert plan.info.form == "acceleration"
     q, w = plan.q[0], plan.w[0].copy()
     found = [q]

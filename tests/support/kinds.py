@@ -99,8 +99,7 @@ def outputs_of_all_kinds():
         return row * np.cos(q[0])
 
     def turning_rate(q, v):
-        heading = pin.Quaternion(q[3:7]).matrix()[0]
-        return -row * np.sin(q[0]) * (heading @ v[:3])
+        return -row * np.sin(q[0]) * (pin.Quaternion(q[3:7]).matrix()[0] @ v[:3])
 
     constraints = [
         rnc.NoSideSlip("base", "y", at=(0.2, -0.1, 0.3)),

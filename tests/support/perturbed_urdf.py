@@ -1,7 +1,4 @@
-"""URDFs that are changed and still mean the same robot.
-
-Each function takes the text of a URDF, without macros, and returns another text, or None where it changes nothing.
-"""
+"""URDFs that are changed and still mean the same robot: functions of a text, None where they change nothing."""
 
 import re
 from collections.abc import Callable, Iterator
@@ -38,10 +35,7 @@ def with_noise(urdf: str, seed: int) -> str:
 
 
 def renamed(urdf: str, seed: int) -> str:
-    """Return a URDF with random words as names of the robot, its links, joints, transmissions, plugins and meshes.
-
-    The file name of a plugin stays: it is a program, and no name that an author chose. Meshes keep their endings.
-    """
+    """Return a URDF with random words as names; file names of plugins, which are programs, and endings stay."""
     robot, generator = parse_tree(urdf), np.random.default_rng(seed)
     named = [robot, *(each for each in robot.iter() if each.tag in ("link", "joint", *_DRIVES, "plugin", "actuator"))]
     meshes = [each.get("filename", "") for each in robot.iter("mesh")]
@@ -75,10 +69,7 @@ def without_drives(urdf: str, seed: int = 0) -> str | None:
 
 
 def mirrored(urdf: str, seed: int = 0) -> str:
-    """Return a URDF of the mirror image, left for right: y of the base and of every link is -y.
-
-    Joint values keep their meaning, and so do limits and mimics: an axis of rotation changes its sign beside.
-    """
+    """Return a URDF of the mirror image, y for -y; joint values keep their meaning, so axes of rotation change sign."""
     robot = parse_tree(urdf)
     for owner in _placed(robot):
         origin = owner.find("origin")

@@ -16,5 +16,4 @@ def in_axes(start, goal, chart):
     dx, dy = np.array([[c, n], [-n, c]]) @ (goal - start)[:2]
     ends = np.array([0.0, dx])
     rows = np.concatenate([powers(ends / dx, order) / dx**order for order in range(3)])
-    slopes = np.tan([start[2] - chart, goal[2] - chart])
-    return dx, np.linalg.solve(rows, [0.0, dy, *slopes, 0.0, 0.0])
+    return dx, np.linalg.solve(rows, [0.0, dy, *np.tan([start[2] - chart, goal[2] - chart]), 0.0, 0.0])

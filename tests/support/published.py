@@ -22,10 +22,7 @@ _EXAMPLES = "example-robot-data"
 
 
 class Published(NamedTuple):
-    """Location of a description: a package on PyPI, the folder that it installs, and a path in there.
-
-    Of example-robot-data the path is the robot's name.
-    """
+    """A package on PyPI, the folder that it installs, and a path in there; of example-robot-data the robot's name."""
 
     package: str
     module: str
@@ -46,21 +43,13 @@ class Published(NamedTuple):
 
 
 class Finding(NamedTuple):
-    """Result of one description.
+    """Result of one description."""
 
-    Attributes:
-        kind: of draft, in its own words.
-        doubts: of the draft.
-        report: of ``inspect``; empty if it did not run.
-        refusal: the command that failed with what it said, or an empty string.
-        seconds: that all commands took.
-    """
-
-    kind: str
-    doubts: list[str]
-    report: dict[str, object]
-    refusal: str
-    seconds: float
+    kind: str  # of draft, in its own words
+    doubts: list[str]  # of the draft
+    report: dict[str, object]  # of ``inspect``; empty if it did not run
+    refusal: str  # the command that failed with what it said, or an empty string
+    seconds: float  # that all commands took
 
 
 def _examples() -> dict[str, Published]:

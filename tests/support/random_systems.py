@@ -17,21 +17,12 @@ OUTPUTS = ("joint", "position", "yaw", "speed", "spin", "distance")
 
 @dataclass(frozen=True)
 class Recipe:
-    """Parts of a system; the seed gives the numbers.
+    """Parts of a system; the seed gives the numbers."""
 
-    Attributes:
-        joints: parent, counted from the base, and kind of each joint.
-        base: "fixed", "planar" or "free".
-        constraints: kinds.
-        outputs: kinds of reducing outputs, taken in turn until there are enough; none for ``reduce()``.
-        heavy: whether there is gravity.
-        seed: of the numbers.
-    """
-
-    joints: tuple[tuple[int, str], ...]
-    base: str
+    joints: tuple[tuple[int, str], ...]  # parent, counted from the base, and kind of each joint
+    base: str  # "fixed", "planar" or "free"
     constraints: tuple[str, ...]
-    outputs: tuple[str, ...]
+    outputs: tuple[str, ...]  # kinds of reducing outputs, taken in turn until there are enough; none for ``reduce()``
     heavy: bool
     seed: int
 
@@ -197,11 +188,7 @@ def output(kind: str, built: Built, taken: set[tuple[str, ...]]) -> object:
 
 
 def reduced_of(recipe: Recipe) -> rnc.ReducedModel:
-    """The system of a recipe.
-
-    Raises:
-        rnc.RncError: there is no such system.
-    """
+    """The system of a recipe; an RncError if there is none."""
     robot, built = robot_of(recipe)
     constraints = [constraint(kind, robot, built) for kind in recipe.constraints]
     actuators = built.generator.normal(size=(robot.nv, int(built.generator.integers(1, robot.nv + 1))))

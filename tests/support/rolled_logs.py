@@ -21,23 +21,14 @@ Signal = Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class Vehicle:
-    """Vehicle with parameters of its file, of the true robot, and its kinematics in closed form.
-
-    Attributes:
-        nominal: numbers of the file, by name.
-        true: numbers of the robot.
-        unknown: what a calibration estimates, in the order of ``true``.
-        urdf: function from numbers to the text of the file.
-        constraints: function from numbers to constraints.
-        motion: function from true numbers and two input signals (N,) to the twist (N, 3) of the base, and
-            rates (N,) of joints or their angles, by name; angles are tuples of one array.
-    """
+    """Vehicle with parameters of its file, of the true robot, and its kinematics in closed form."""
 
     nominal: Numbers
     true: Numbers
-    unknown: tuple[object, ...]
+    unknown: tuple[object, ...]  # what a calibration estimates, in the order of ``true``
     urdf: Callable[[Numbers], str]
     constraints: Callable[[Numbers], list[object]]
+    # Twist (N, 3) of the base, and of joints rates (N,), or angles in a tuple, from numbers and two signals (N,).
     motion: Callable[[Numbers, list[np.ndarray]], tuple[np.ndarray, dict[str, object]]]
 
     def system(self, folder, numbers: Numbers | None = None) -> rnc.NonholonomicSystem:
@@ -51,8 +42,7 @@ class Vehicle:
         """Log of a motion of the true robot, by default a drawn one; ``ticks`` is zero for exact encoders."""
         generator = np.random.default_rng(seed)
         time = np.arange(round(duration / STEP) + 1) * STEP
-        middle = time[:-1] + STEP / 2
-        true = dict(self.true)
+        middle, true = time[:-1] + STEP / 2, dict(self.true)
         # Inputs in the middle of steps: a second-order rule, far finer than the samples.
         inputs = [signal(generator) for _ in range(2)] if inputs is None else inputs
         twist, joints = self.motion(true, [each(middle) for each in inputs])

@@ -163,10 +163,7 @@ CRANK, COUPLER, ROCKER, GROUND = 0.3, 0.8, 0.6, 0.9
 
 
 def four_bar_robot(knee: bool = False) -> rnc.Robot:
-    """Crank and coupler from one pivot, rocker from the other, in the x-z plane under gravity; the loop is open.
-
-    With a knee the rocker ends in a small link of its own, to be joined to the coupler as a whole.
-    """
+    """Crank and coupler from one pivot, rocker from the other, an open loop; with a knee the rocker ends in a link."""
     model = pin.Model()
     model.name = "four-bar"
 
@@ -177,8 +174,7 @@ def four_bar_robot(knee: bool = False) -> rnc.Robot:
         add_frame(model, f"{name}_tip", joint, (length, 0.0, 0.0))
         return joint
 
-    crank = link(0, 0.0, "crank", CRANK, 1.0)
-    link(crank, CRANK, "coupler", COUPLER, 2.0)
+    link(link(0, 0.0, "crank", CRANK, 1.0), CRANK, "coupler", COUPLER, 2.0)
     rocker = link(0, GROUND, "rocker", ROCKER, 1.5)
     if knee:
         link(rocker, ROCKER, "knee", 0.1, 0.2)
@@ -310,10 +306,7 @@ WHEELBASE, TRACK, SCRUB = 1.1, 0.6, 0.07
 
 
 def ackermann_robot(first: str = "left", base: str = "planar") -> rnc.Robot:
-    """A car whose rear axle carries its origin; left steers about an axis up, right about one down, continuously.
-
-    Front wheels stand beside their pivots, along their own axles.
-    """
+    """A car, its origin on the rear axle; left steers about an axis up, right down; wheels beside their pivots."""
     model = rolling_base({"bl": (0.0, TRACK / 2), "br": (0.0, -TRACK / 2)}, WHEEL, base)
     carrier = model.getJointId("root_joint")
     kinds = {

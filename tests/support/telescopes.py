@@ -10,11 +10,7 @@ _JOINT = (
 
 
 def telescope(reach: float) -> str:
-    """URDF with joints "one", up to 0.01 m, and "two".
-
-    Args:
-        reach: upper limit of "two" [m].
-    """
+    """URDF with joints "one", up to 0.01 m, and "two", up to ``reach`` [m]."""
     links = _LINK.format("rail", 2.0) + f'<link name="middle">{_INERTIAL}</link>' + _LINK.format("tool", 0.04)
     joints = _JOINT.format("one", "rail", "middle", 0.01) + _JOINT.format("two", "middle", "tool", reach)
     return f'<robot name="telescope">{links}{joints}</robot>'

@@ -156,8 +156,7 @@ SLEIGH = json.loads((DATA / "chaplygin_sleigh.json").read_text())
 
 
 def chaplygin_sleigh() -> rnc.ReducedModel:
-    p = SLEIGH["parameters"]
-    model = pin.Model()
+    p, model = SLEIGH["parameters"], pin.Model()
     model.name = "sleigh"
     com, moments = (p["a"], 0.0, 0.0), (0.3, 0.3, p["I_com"])
     add_body(model, "root_joint", "Planar", p["m"], com=com, moments=moments, frame="edge")

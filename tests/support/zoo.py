@@ -128,8 +128,7 @@ def rolling_wheels(name: str) -> rnc.ReducedModel:
 def best_velocities(system: rnc.NonholonomicSystem) -> rnc.Output:
     """r entries of v, chosen by column-pivoted QR of a null-space basis at one configuration."""
     position = Kinematics(system.robot).position(system.robot.random_configuration(np.random.default_rng(1)))
-    basis = null_space(system.constraints.jacobian(position))
-    chosen = sorted(qr(basis.T, pivoting=True)[2][: system.r])
+    chosen = sorted(qr(null_space(system.constraints.jacobian(position)).T, pivoting=True)[2][: system.r])
     rows, still = np.eye(system.n)[chosen], np.zeros((system.r, system.n))
     names = [f"v.{system.robot.velocity_names[k]}" for k in chosen]
     return rnc.Output(None, lambda q: rows, lambda q, v: still, names)
@@ -163,16 +162,14 @@ def states(reduced: rnc.ReducedModel, count: int = STATES) -> list[tuple[np.ndar
 def residuals(name: str, kind: str) -> Residuals:
     """Check a reduction: A R = 0, Lemma 1, and Pinocchio's own constrained dynamics, which know no momentum row."""
     reduced = KINDS[kind](name)
-    robot = reduced.robot
-    drawn = states(reduced)
+    robot, drawn = reduced.robot, states(reduced)
     lemma = rnc.analysis.lemma_1_residuals(reduced, np.stack([q for q, _ in drawn]))
     generator, data = np.random.default_rng(1), robot.model.createData()
     worst, rows = 0.0, reacting(reduced)
     for q, v2 in drawn:
         T = generator.normal(size=reduced.p)
         t, full = reduced.terms(q, v2), reduced.lagrangian_terms(q, v2)
-        v2_dot = reduced.forward_dynamics(q, v2, T)
-        ours = t.R @ v2_dot + t.R_dot @ v2
+        ours = t.R @ reduced.forward_dynamics(q, v2, T) + t.R_dot @ v2
         theirs = pin.forwardDynamics(robot.model, data, q, t.v, full.B @ T, t.A[rows], t.A_dot[rows] @ t.v)
         # Weighted by what each moves, so that a light finger's acceleration does not hide the base's.
         weight = np.sqrt(np.diag(full.H))

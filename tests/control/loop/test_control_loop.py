@@ -106,8 +106,7 @@ def test_a_loop_without_a_deadline_has_a_state_that_depends_on_no_clock(monkeypa
 def test_it_does_what_a_simulation_does():
     reduced, tracker = sleigh()
     run = rnc.simulate(reduced, tracker, reduced.robot.configuration(), 1.5, DT)
-    loop = rnc.ControlLoop(reduced, tracker, DT)
-    inputs = drive(loop, started(reduced), run.time)
+    inputs = drive(rnc.ControlLoop(reduced, tracker, DT), started(reduced), run.time)
     assert np.abs(inputs - run.T).max() < 1e-3 * np.abs(run.T).max()  # its integrals are trapezoidal
     assert np.abs(run.x2[-1] - GOAL).max() < 0.02
 

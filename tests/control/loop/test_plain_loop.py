@@ -61,5 +61,4 @@ def _step(reduced, model, data, q, v, integrals, T, h):
     a = _acceleration(reduced, model, data, q, v, T)
     q_half, v_half = pin.integrate(model, q, h / 2 * v), v + h / 2 * a
     a_half = _acceleration(reduced, model, data, q_half, v_half, T)
-    q_next = pin.integrate(model, q, h * v_half)
-    return q_next, v + h * a_half, integrals + h * _rates(reduced, q_half, v_half)
+    return pin.integrate(model, q, h * v_half), v + h * a_half, integrals + h * _rates(reduced, q_half, v_half)

@@ -15,8 +15,7 @@ DT = 0.02
 
 def differential_drive(speed=0.4, turn=0.3):
     reduced = systems.differential_drive()
-    way = rnc.planning.Hold([speed, turn])
-    return reduced, rnc.control.ReducingOutputController(reduced, way)
+    return reduced, rnc.control.ReducingOutputController(reduced, rnc.planning.Hold([speed, turn]))
 
 
 def arm_on_wheels():
@@ -56,8 +55,7 @@ def test_a_differential_drive_turns_its_wheels_by_the_textbook():
     command = loop.step(0.0, q, np.zeros(5))
     frames = [reduced.robot.model.frames[reduced.robot.frame_id(name)] for name in ("left_wheel", "right_wheel")]
     joints = [reduced.robot.model.jointPlacements[frame.parentJoint].translation for frame in frames]
-    expected = [(0.5 - 0.8 * at[1]) / 0.1 for at in joints]
-    assert command.joints == pytest.approx(expected)
+    assert command.joints == pytest.approx([(0.5 - 0.8 * at[1]) / 0.1 for at in joints])
     assert command.twist == pytest.approx((0.5, 0.0, 0.8), abs=1e-12)
 
 
@@ -102,8 +100,7 @@ def test_invalid_measurements_hold_the_command_and_then_stop():
         stopped = loop.step(sample * DT, q[:2], rest)
     assert not stopped.v.any()
     assert not any(stopped.twist)
-    again = loop.step(6 * DT, q, rest)
-    assert again.u == pytest.approx(first.u)
+    assert loop.step(6 * DT, q, rest).u == pytest.approx(first.u)
     assert loop.state.fault is None
 
 

@@ -88,8 +88,7 @@ def test_velocities_of_joints_that_are_no_outputs_hold():
 def test_efforts_of_the_file_hold_in_the_dynamic_form(tmp_path):
     """80 kg with 10 N: 0.2 m take at least 2 sqrt(0.2 / 0.125) = 2.53 s; gravity does not act on a planar base."""
     reduced = forklifts.forklift(tmp_path, effort=10)
-    gravity = reduced.robot.model.gravity.linear
-    assert gravity[2] == pytest.approx(-9.81)
+    assert reduced.robot.model.gravity.linear[2] == pytest.approx(-9.81)
     robot = rnc.Robot.from_urdf(tmp_path / "forklift.urdf", base="planar", gravity=(0.0, 0.0, 0.0))
     inputs = [rnc.FrameForce("base", "x"), rnc.FrameTorque("base", "z"), "lift_joint"]
     system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("base")], inputs)
@@ -116,8 +115,7 @@ def test_an_effort_limit_of_zero_counts_as_not_stated_and_is_found(tmp_path):
 @pytest.mark.parametrize("model", [partial(tractor, 2), mobile_manipulator, systems.space_robot_in_joints, SWERVE])
 def test_derivatives_of_all_limits_are_those_of_central_differences(form, model):
     reduced = model()
-    model = action_model(reduced, form)
-    generator = np.random.default_rng(0)
+    model, generator = action_model(reduced, form), np.random.default_rng(0)
     q = np.array([reduced.random_configuration(generator, 0.4) for _ in range(3)])
     at, u = Nodes(q, 0.3 * generator.normal(size=(3, model.nw))), 0.3 * generator.normal(size=(3, model.nu))
     limits = FileLimits().bind(model, [])

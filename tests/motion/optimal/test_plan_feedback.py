@@ -25,8 +25,7 @@ def test_feedback_corrects_a_wrong_start(form):
     start = reduced.robot.configuration()
     start[1] += 0.05
     weights = {"root_joint[0]": 50.0, "root_joint[1]": 50.0, "root_joint[2]": 10.0}
-    controller = rnc.tvlqr(reduced, plan, weights, 0.1)
-    run = rnc.simulate(reduced, controller, start, 3.0, dt=0.02)
+    run = rnc.simulate(reduced, rnc.tvlqr(reduced, plan, weights, 0.1), start, 3.0, dt=0.02)
     assert np.abs(run.q[-1, :2] - plan.q[-1, :2]).max() < 0.02
 
 
@@ -52,8 +51,7 @@ def test_regulator_is_the_dense_optimum():
     """The first input of the regulator minimises the whole quadratic cost, found by least squares."""
     reduced, plan = curve("acceleration")
     feedback = rnc.tvlqr(reduced, plan, 3.0, 0.5)  # ten times as much at the end
-    model = action_model(reduced, "acceleration")
-    h = np.diff(plan.time)
+    model, h = action_model(reduced, "acceleration"), np.diff(plan.time)
     steps = model.step_derivatives(Nodes(plan.q[:-1], plan.w[:-1]), plan.u, h)
     K, nx, nu = steps.u.shape
     start = np.random.default_rng(0).normal(size=nx)

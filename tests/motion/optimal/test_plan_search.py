@@ -49,8 +49,7 @@ def test_plans_round_a_rack_keep_goal_and_clearance_in_a_dense_replay(tmp_path, 
 
 def test_a_plan_that_its_verification_does_not_confirm_is_refused_with_the_plan(tmp_path):
     """Eight intervals of 2 s cut the corners of the rack between their nodes."""
-    reduced = forklifts.forklift(tmp_path)
-    few = SolverSettings(nodes=8, refinements=0)
+    reduced, few = forklifts.forklift(tmp_path), SolverSettings(nodes=8, refinements=0)
     with pytest.raises(rnc.InfeasibleError, match=r"no verified plan in 16 s: after re-integration, ") as refusal:
         round_the_rack(reduced, 0, settings=few, seeds=1)
     plan = refusal.value.plan
@@ -92,8 +91,7 @@ def test_a_start_or_goal_beyond_a_bound_is_refused_at_once(tmp_path):
 
 def test_an_unstable_motion_is_judged_with_the_feedback_of_the_run():
     """A trailer in reverse leaves its plan without feedback."""
-    reduced = tractor(1)
-    hitch = rnc.JointPosition("hitch_1")
+    reduced, hitch = tractor(1), rnc.JointPosition("hitch_1")
     goal = {rnc.FramePosition("tractor", "xy"): [0.0, 0.0], rnc.FrameYaw("tractor"): 0.0, hitch: 0.0}
     start = reduced.robot.configuration({"root_joint": [4.0, 1.0, 0.2]})
     problem = {"bounds": [VelocityBound(-1.0, 1.0)], "settings": SolverSettings(refinements=0), "seeds": 0}

@@ -27,8 +27,7 @@ def test_straight_motion_with_least_acceleration_is_a_cubic():
 
 def test_a_motion_begins_with_its_initial_velocity():
     """Least squared acceleration from speed v to rest, over d in time t: (12 d^2 - 12 d v t + 4 v^2 t^2) / t^3."""
-    reduced = systems.sleigh()
-    goal = sleigh_goal(1.0, 0.0, 0.0)
+    reduced, goal = systems.sleigh(), sleigh_goal(1.0, 0.0, 0.0)
     plan = rnc.optimal.plan(reduced, reduced.robot.configuration(), goal, 2.0, v2_0=[0.5, 0.0])
     assert plan.info.cost == pytest.approx(0.5 * (12 - 12 + 4) / 8, rel=2e-3)
     assert plan.info.verification.violation < 1e-6
@@ -44,8 +43,7 @@ def test_sideways_motion_of_least_velocity_is_brocketts():
     goal = sleigh_goal(0.0, y, 0.0)
     settings = rnc.optimal.SolverSettings(nodes=60, tolerance=1e-8)
     # The start is a circle in (integral of v, integral of w), which encloses the area y.
-    phase = np.linspace(0, 2 * np.pi, 61)
-    radius = np.sqrt(y / np.pi)
+    phase, radius = np.linspace(0, 2 * np.pi, 61), np.sqrt(y / np.pi)
     x, yaw = radius * np.sin(phase), radius * (1 - np.cos(phase))
     side = np.concatenate([[0], np.cumsum((yaw[1:] + yaw[:-1]) / 2 * np.diff(x))])
     path = np.column_stack([x, side, np.cos(yaw), np.sin(yaw)])

@@ -109,8 +109,7 @@ def test_a_plan_without_a_hard_goal_arrives_by_the_cost_alone():
     reduced = systems.sleigh()
     start = reduced.robot.configuration({"root_joint": [0.0, 0.3, 0.0]})
     costs = [SetPointCost(pose("sleigh"), weight=100.0, phase="terminal"), optimal.EffortCost(0.01)]
-    bound = [optimal.VelocityBound(-1.0, 1.0)]
-    settings = optimal.SolverSettings(nodes=20)
+    bound, settings = [optimal.VelocityBound(-1.0, 1.0)], optimal.SolverSettings(nodes=20)
     options = {"form": "kinematic", "costs": costs, "bounds": bound, "settings": settings}
     plan = rnc.optimal.plan(reduced, start, None, 4.0, **options, solutions=3)
     assert np.abs(plan.q[-1, :2]).max() < 5e-3
@@ -216,8 +215,7 @@ def test_a_plan_is_followed_to_its_end_if_waiting_costs_less_over_one_horizon():
 def test_a_long_way_is_begun_by_a_longer_plan():
     """4 m within 1 m/s do not fit into 3 s: the first intervals of a plan over twice the horizon serve."""
     reduced = systems.sleigh()
-    model = action_model(reduced, "acceleration")
-    point = controller_of(reduced).set_point
+    model, point = action_model(reduced, "acceleration"), controller_of(reduced).set_point
     q = reduced.robot.configuration({"root_joint": [-4.0, 0.0, 0.0]})
     standing = along(model, np.repeat(q[None], 16, axis=0), 3.0)
     found = first_motion(model, point, standing, [rnc.optimal.VelocityBound(-1.0, 1.0)], seed=0)

@@ -85,8 +85,7 @@ def test_wrong_masses_noise_and_a_delay():
     faults = rnc.Faults(position_noise=2e-3, velocity_noise=2e-3, delay=1)
     plant = FaultyPlant(rnc.ReducedPlant(heavier), faults, heavier, seed=1)
     start = reduced.robot.configuration({"root_joint": [-0.6, 0.5, 0.4]})
-    controller = controller_of(reduced, tolerance=8e-3)
-    run = rnc.simulate(reduced, controller, start, 20.0, dt=0.02, plant=plant)
+    run = rnc.simulate(reduced, controller_of(reduced, tolerance=8e-3), start, 20.0, dt=0.02, plant=plant)
     assert away(run)[0] < 0.02
     assert away(run)[1] < 0.02
 

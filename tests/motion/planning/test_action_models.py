@@ -34,8 +34,7 @@ def central(model, function, size, step=1e-4):
 def test_derivatives_of_a_step_are_those_of_differences(system, form):
     model = action_model(SYSTEMS[system](), form)
     at, u, h = random_nodes(model)
-    found = model.step_derivatives(at, u, h)
-    n = len(u)
+    found, n = model.step_derivatives(at, u, h), len(u)
 
     by_x = central(model, lambda d: model.step(model.displaced(at, np.tile(d, (n, 1))), u, h), model.nx)
     by_u = central(model, lambda d: model.step(at, u + d, h), model.nu)
@@ -55,8 +54,7 @@ def test_one_call_gives_the_derivatives_of_the_formulas(system, form, monkeypatc
     assert (model.reduced.evaluator.kernel is None) == (model._compiled_derivatives(at, u, h) is None)
     found = model.step_derivatives(at, u, h)
     monkeypatch.setattr(ActionModel, "_compiled_derivatives", lambda *_: None)
-    expected = model.step_derivatives(at, u, h)
-    for one, other in zip(parts(found), parts(expected), strict=True):
+    for one, other in zip(parts(found), parts(model.step_derivatives(at, u, h)), strict=True):
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-11 * (1 + np.abs(other).max(initial=0.0)))
 
 

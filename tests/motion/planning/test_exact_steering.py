@@ -93,8 +93,7 @@ def test_long_turns_are_divided_and_long_slides_are_not():
     steps = np.zeros((7, 11))
     steps[range(7), [0, 1, 2, 5, 7, 9, 10]] = 9.0, -9.0, -5.0, 3.5, 1.8, 6.9, 9.0
     steering, start = rnc.planning.find_steering(reduced, reduced.robot.configuration()), reduced.robot.configuration()
-    found = steering.along(start, steps)
-    counts = [1, 1, 3, 3, 2, 5, 1]
+    found, counts = steering.along(start, steps), [1, 1, 3, 3, 2, 5, 1]
     np.testing.assert_allclose(found.steps, np.repeat(steps / np.array(counts)[:, None], counts, axis=0))
     end = start
     for step in steps:

@@ -194,8 +194,7 @@ def test_obstacles_are_avoided_and_reported():
     reduced = rnc.NonholonomicSystem(robot).reduce()
     q0 = robot.configuration({"panda_joint2": -0.6, "panda_joint4": -2.2, "panda_joint6": 1.8})
     target = {rnc.FramePosition("panda_hand"): [0.5, 0.1, 0.35]}
-    free = rnc.solve_ik(reduced, q0, target)
-    data = robot.model.createData()
+    free, data = rnc.solve_ik(reduced, q0, target), robot.model.createData()
     pin.forwardKinematics(robot.model, data, free.q)
     elbow = data.oMi[robot.joint_id("panda_joint4")].translation
     ball = Obstacle(coal.Sphere(0.08), position=tuple(elbow), name="ball")
@@ -240,8 +239,7 @@ def test_each_of_three_slides_stops_at_its_own_limit():
     low[5] = -np.inf
     bounds = TangentBounds(model, low, high, np.zeros(7, dtype=bool))
     assert bounds.v_index.tolist() == [3, 4, 5, 6]
-    goal = np.array([0.4, 3.0, -2.0, 0.25])
-    J = np.eye(7)[3:]
+    goal, J = np.array([0.4, 3.0, -2.0, 0.25]), np.eye(7)[3:]
     nothing = np.zeros((0, 7))
 
     def evaluate(q):

@@ -36,17 +36,13 @@ def gap(width, thickness=0.2, length=40.0):
 
 
 def reintegrated(way):
-    """Largest difference of a node from an integration of ``v = R(q) v2`` that starts at the one before.
-
-    From the start of the way on, a thousand motions close to a singular configuration enlarge rounding.
-    """
+    """Largest difference of a node from an integration of ``v = R(q) v2`` that starts at the one before."""
     reduced, model, worst = way.reduced, way.reduced.robot.model, 0.0
     for k, (q, h) in enumerate(zip(way.q, np.diff(way.time), strict=False)):
 
         def rate(t, x, q=q, k=k):
             # Coordinates x of the group element exp(x) are those of Pinocchio's integrate.
-            here = pin.integrate(model, q, x)
-            at = reduced.at(here)
+            at = reduced.at(pin.integrate(model, q, x))
             slope = pin.dIntegrate(model, q, x)[1]  # d(q (+) x) = slope dx in the tangent space at the end
             return np.linalg.solve(slope, at.R @ (at.J2 @ way.v[k]))
 
@@ -110,8 +106,7 @@ def test_an_arm_moves_around_an_obstacle():
 
 
 def test_a_goal_of_outputs_is_reached():
-    reduced = mobile_manipulator()
-    hand = rnc.FramePosition("tip", "xy")
+    reduced, hand = mobile_manipulator(), rnc.FramePosition("tip", "xy")
     start, goal, rows = reduced.robot.configuration(), {hand: [4.0, 1.0]}, hand.bind(reduced.robot)
     goals = goal_configurations(goal, start, None, reduced, None, 60.0, 3, (), seed=1)
     assert [np.abs(one - other).max() > 1e-3 for one, other in combinations(goals, 2)] == [True] * 3
@@ -138,8 +133,7 @@ def test_a_gap_that_is_one_centimetre_too_narrow_is_never_passed(seed):
 @pytest.mark.parametrize(("bar", "holds"), [(0.04, True), (1.3, False)])
 def test_wheels_that_follow_count_and_distances_of_the_base_have_been_decided_before(bar, holds):
     box = mecanum_box()
-    geometry = box.robot.collision_model.copy()
-    wheel = box.robot.model.getFrameId("bl")
+    geometry, wheel = box.robot.collision_model.copy(), box.robot.model.getFrameId("bl")
     upright = coal.Box(0.04, 0.04, bar)  # beside the wall only after a part of a turn
     parent = box.robot.model.frames[wheel].parentJoint
     geometry.addGeometryObject(pin.GeometryObject("bar", parent, wheel, pin.SE3.Identity(), upright))
@@ -175,8 +169,7 @@ def test_a_motion_along_a_way_stops_at_its_corners_and_is_exact(kind, most):
             return np.linalg.solve(slope, here.R @ (v2[k] + (v2[k + 1] - v2[k]) * t / h))
 
         found = solve_ivp(rate, (0.0, h), np.zeros(model.nv), rtol=1e-10, atol=1e-11)
-        end = pin.integrate(model, q[k], found.y[:, -1])
-        assert np.abs(pin.difference(model, end, q[k + 1])).max() < 1e-8
+        assert np.abs(pin.difference(model, pin.integrate(model, q[k], found.y[:, -1]), q[k + 1])).max() < 1e-8
     assert np.isclose(np.abs(v2).max(axis=1), 0.0).sum() >= 3  # it stops on the way
     # Pieces share the time by these limits: by the speeds of the way alone, the car steered with 4 rad/s.
     assert (np.abs(v2).max() <= most, np.abs(np.diff(v2, axis=0)).max() / h <= 40.0) == (True, True)
