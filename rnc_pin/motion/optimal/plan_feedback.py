@@ -148,26 +148,33 @@ class BoundedCommands:
         self._model, self._driven = model, action_model(model.reduced, "acceleration")
         approach = 50.0  # rate of the motion that ends at a bound [1/s], if samples are shorter than 10 ms
         self._bandwidth, self._approach = bandwidth, approach if model.nw else bandwidth / 4.0
-        self._sides = dict[str, tuple[Array, Array, Array]]()
         reduced, kinematic, bounds = model.reduced, model.form == "kinematic", list(bounds)
         names = (*reduced.reducing.names, *reduced.vertical.names)
         velocities = model.input_names if kinematic else reduced.reducing.names
+        self._lower, self._upper = np.full(model.nu, -np.inf), np.full(model.nu, np.inf)
+        kept = []
         # Names decide which bounds hold: those of joints that are no outputs of the model have no row here.
         for quantity, own in (("output", names), ("velocity", velocities), ("input", model.input_names)):
             rows = [(own.index(name), *sides) for kind, name, *sides in bounds if kind == quantity and name in own]
-            k, *ends = np.array(rows, dtype=float).reshape(-1, 3).T
+            k, *ends = np.array([each for each in rows if np.isfinite(each).sum() > 1], dtype=float).reshape(-1, 3).T
             k, sides, room = k.astype(int), np.stack(ends, axis=1), np.zeros(len(k))
-            if quantity != "input" and plan is not None:
+            if quantity == "input" or (kinematic and quantity == "velocity"):
+                np.maximum.at(self._lower, k, ends[0])
+                np.minimum.at(self._upper, k, ends[1])
+                continue
+            if plan is not None:
                 values = plan[quantity == "velocity"].reshape(-1, len(names))[:, k]
                 gaps = np.stack([values.min(axis=0) - ends[0], ends[1] - values.max(axis=0)], axis=1)
                 # Feedback may follow a plan that comes nearer to a limit than the usual approach would let it.
                 room = gaps.min(axis=1) / 2.0
-                if quantity == "output" or not kinematic:
-                    width = np.broadcast_to(np.diff(sides), sides.shape) if quantity == "output" else np.abs(sides)
-                    reserve = np.where(np.isfinite(width), _RESERVE * width, 0.0)
-                    sides = sides + np.clip(gaps / 2.0, 0.0, reserve) * [1.0, -1.0]
-            self._sides[quantity] = k, sides, room
-        self._vertical = bool((self._sides["output"][0] >= model.r).any())
+                width = np.broadcast_to(np.diff(sides), sides.shape) if quantity == "output" else np.abs(sides)
+                reserve = np.where(np.isfinite(width), _RESERVE * width, 0.0)
+                sides = sides + np.clip(gaps / 2.0, 0.0, reserve) * [1.0, -1.0]
+            kept.append((k, sides, room, np.full(len(k), quantity == "output")))
+        self._k, sides, self._room, self._position = (np.concatenate(each) for each in zip(*kept, strict=True))
+        self._sides, self._vertical = sides.T, bool((self._k >= model.r).any())
+        self._evaluated = model.form == "dynamic" or bool(self._position.any())
+        self._eye, self._zeros = np.eye(model.r), np.zeros(model.r)
 
     def nearest(
         self,
@@ -177,6 +184,7 @@ class BoundedCommands:
         v2: Array,
         dt: float,
         plan: Callable[[], tuple[Array, Array]] | None = None,
+        lack: Array | None = None,
     ) -> Array:
         """Return the input within all bounds that is near to an input (nu,).
 
@@ -187,62 +195,47 @@ class BoundedCommands:
             v2: reduced velocity (r,).
             dt: duration of the sample [s]; 0 if it is not known.
             plan: returns the outputs of the plan, as ``outputs``; None after its end, and away from plans.
+            lack: reduced acceleration (r,) that the robot lacks beside the model; velocity in the kinematic form.
         """
-        u, (outputs, speeds, inputs) = u.copy(), self._sides.values()
-        if len(outputs[0]) or len(speeds[0]):
-            u = self._kept(u, planned, q, v2, dt, plan)
-        for k, sides, _ in [inputs, speeds] if self._model.form == "kinematic" else [inputs]:
-            u[k] = np.clip(u[k], *sides.T)
-        return u
-
-    def _kept(
-        self, u: Array, planned: Array, q: Array, v2: Array, dt: float, plan: Callable[[], tuple[Array, Array]] | None
-    ) -> Array:
-        """Input that keeps outputs and velocities within their bounds, as far as inputs can."""
-        model, at = self._model, self._model.reduced.at(q, v2)
-        (x, rates), rows, free = self._outputs(at), np.eye(model.r), np.zeros(model.r)
+        if not len(self._k):
+            return np.minimum(np.maximum(u, self._lower), self._upper)
+        model, k, x, rates, rows, free = self._model, self._k, self._zeros, v2, self._eye, self._zeros
+        if self._evaluated:
+            at = model.reduced.at(q, v2)
+            x, rates = self._outputs(at)
         if self._vertical:
             rows = np.concatenate([rows, at.A_star])
             own = at.v1 - at.A_star @ v2 if model.form == "kinematic" else at.J1 @ at.v_dot(free) + at.J1_dot @ at.v
             free = np.concatenate([free, own])
+        if lack is not None:
+            free = free - rows @ lack
         if model.form == "dynamic":
             moved, passive = at.input_accelerations
             rows, free = rows @ moved, free + rows @ passive
         # A held command decays by half of the way to the bound within a sample: faster ones pass it.
         rate = min(self._approach, 0.5 / dt) if dt > 0 else self._approach
-
-        def limits(aims: tuple[Array, Array] | None) -> tuple[Array, Array, Array]:
-            """Rows of the inputs (k, nu), and their limits (k,)."""
-            found = []
-            for quantity in ("output",) if model.form == "kinematic" else ("output", "velocity"):
-                (k, sides, room), position = self._sides[quantity], quantity == "output"
-                # Velocities decay to a bound at the rate, positions as the critically damped motion of this rate.
-                gain, lead = (rate**2, 2.0 / rate) if model.nw and position else (rate, 0.0)
-                value = x[k] + lead * rates[k] if position else rates[k]
-                change = gain * (sides.T - value)
-                if aims is not None:
-                    ahead = value - (aims[0][k] + lead * aims[1][k] if position else aims[1][k])
-                    own = rows[k] @ planned + free[k] - gain * ahead
-                    wider = np.minimum(change[0], own), np.maximum(change[1], own)
-                    change = np.where(np.stack([-ahead, ahead]) <= room, wider, change)
-                found.append((rows[k], *(change - free[k])))
-            A, low, high = (np.concatenate(each) for each in zip(*found, strict=True))
-            return A, low, high
-
-        A, low, high = limits(None)
+        # Velocities decay to a bound at the rate, positions as the critically damped motion of this rate.
+        gain, lead = np.where(self._position, [[rate**2], [2.0 / rate]], [[rate], [1.0]]) if model.nw else (rate, 0.0)
+        value, A, free = self._position * x[k] + lead * rates[k], rows[k], free[k]
+        change, now = gain * (self._sides - value) - free, A @ u
+        beyond = ((now < change[0]) | (now > change[1])).any()
         # Usually nothing is beyond, and what the plan allows in addition is not needed.
-        if plan is not None and (np.clip(A @ u, low, high) != A @ u).any():
-            A, low, high = limits(plan())
-        if (np.clip(A @ u, low, high) != A @ u).any():
+        if beyond and plan is not None:
+            aims = plan()
+            ahead = value - self._position * aims[0][k] - lead * aims[1][k]
+            own = A @ planned - gain * ahead
+            wider = np.minimum(change[0], own), np.maximum(change[1], own)
+            change = np.where(np.stack([-ahead, ahead]) <= self._room, wider, change)
+        if beyond:
             # Least change of accelerations, not of inputs: torques of an arm's base shake its light wrist.
             along = A @ np.linalg.pinv(moved.T @ moved) if model.form == "dynamic" else A
             # Each row in turn gets its change, and rows that share inputs settle in a few sweeps: cheaper than a
             # quadratic program, and never infeasible.
             sweeps = 3
-            for row, way, least, most in list(zip(A, along, low, high, strict=True)) * sweeps:
+            for row, way, least, most in list(zip(A, along, *change, strict=True)) * sweeps:
                 now = row @ u
                 u = u + way * ((np.clip(now, least, most) - now) / max(row @ way, _ROUNDING))
-        return u
+        return np.minimum(np.maximum(u, self._lower), self._upper)
 
     def outputs(self, q: Array, v2: Array) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
         """Return the outputs of the model, reducing ones first, and their rates; no vertical ones without a bound.
@@ -257,6 +250,21 @@ class BoundedCommands:
         x1, x2 = at.outputs()
         return (np.concatenate([x2, x1]), np.concatenate([at.v2, at.v1])) if self._vertical else (x2, at.v2)
 
+    def acceleration(self, u: Array, q: Array, v2: Array, dt: float) -> Float[Array, " r"]:
+        """Return the mean reduced acceleration over a sample that an input has by the model.
+
+        Args:
+            u: the input (nu,).
+            q: configuration (nq,).
+            v2: reduced velocity (r,).
+            dt: duration of the sample [s]; 0 if it is not known.
+        """
+        if self._model.form == "dynamic":
+            if not dt:
+                return self._model.reduced.forward_dynamics(q, v2, u)
+            return (self._model.step(Nodes(q[None], v2[None]), u[None], np.array([dt])).w[0] - v2) / dt
+        return u if self._model.form == "acceleration" else self._bandwidth * (u - v2)
+
     def force(self, u: Array, q: Array, v2: Array, dt: float, t: float) -> Float[Array, " r"]:
         """Return the reduced force of an input of the forms "acceleration" and "kinematic", held over a sample.
 
@@ -267,7 +275,7 @@ class BoundedCommands:
             dt: duration of the sample [s]; 0 if it is not known.
             t: its begin [s].
         """
-        rate = u if self._model.form == "acceleration" else self._bandwidth * (u - v2)
+        rate = self.acceleration(u, q, v2, dt)
         middle = Nodes(q[None], v2[None])
         # Forces of the state at the begin of a sample lag by half of it behind gravity and centrifugal forces.
         if dt > 0:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from functools import partial
@@ -36,6 +37,7 @@ _MOST_NODES = 1000  # of SolverSettings
 _RESERVE = 0.1  # of velocities and ranges that plans leave to the feedback: wrong masses lead beyond the plan
 _FARTHEST = 0.5  # place at which a robot is held, from the robot [m or rad]: 50 m/s^2 or rad/s^2 by forces
 _SAMPLED = 0.15  # natural frequency at rest times the period, at most: measurements may be late and noisy
+_LEARNED = 0.25  # rate at which the feedback along plans learns what the model lacks, over that frequency
 _RETRY, _LONGEST = 1.0, 6  # time until the next search after the first one in vain [s], and how often it doubles
 
 
@@ -61,8 +63,13 @@ class SetPointState(NamedTuple):
     rate: Float[Array, " r"]
     """Reduced velocity of this configuration."""
     bias: Float[Array, " r"]
-    """Acceleration by which the feedback balanced what the model lacks at the last rest; a velocity where velocities
-    are the commands."""
+    """Acceleration by which the feedback balances what the model lacks; a velocity where velocities are the inputs."""
+    lack: Float[Array, " r"]
+    """What it lacked in the last samples."""
+    v2: Float[Array, " r"]
+    """Reduced velocity at the last step."""
+    expected: Float[Array, " r"]
+    """Reduced acceleration of its command, by the model."""
     time: float
     """Time of the last step [s]."""
     next_check: float
@@ -79,12 +86,12 @@ class SetPointController(DescribedMixin):
 
     At rest, away from the goal, it plans to the goal, and follows the plan with the gains of ``rnc.tvlqr``. Every
     ``check`` seconds it integrates the rest of the plan with its feedback from the measured state. So it knows whether
-    the state is still in the tube from which the feedback leads to the goal; outside, it brakes and plans again. It
-    also plans again if the robot comes to rest away from the goal.
+    the state is still in the tube from which the feedback leads to the goal; outside, it brakes and plans again. A lag
+    that the feedback at rest takes back is inside. It also plans again if the robot comes to rest away from the goal.
 
     Where it stands, it is held in the directions that inputs move, with a natural frequency of 10 rad/s by forces.
     Near the goal, the configuration that holds it moves until it is there: wrong masses and loads leave no error.
-    What the feedback at rest balances is added to the next plan.
+    What the feedback at rest balances is added to the next plan, along which it goes on to learn what the model lacks.
 
     The search for a plan takes place at rest, which takes seconds: the first one in ``initial_state``, others in the
     step that starts them. The controller reads the model. Reads from the measurement ``q, v2``. One state at a time.
@@ -102,8 +109,8 @@ class SetPointController(DescribedMixin):
         nodes: number of intervals.
         seeds: number of random guesses of each search.
         tolerance: error at rest above which it plans again [m or rad].
-        tube: predicted error at the end of a plan from which it plans again [m or rad]. Outputs and distances beyond
-            their bounds on the way by more count too.
+        tube: predicted error at the end of a plan from which it plans again [m or rad], beside what the feedback at
+            rest takes back. Outputs and distances beyond their bounds on the way by more count too.
         check: time between two checks [s].
         bandwidth: decay rate of the velocity error in the kinematic form [1/s].
         braking: decay rate of the velocity while it brakes [1/s]; half of it is that of errors at rest.
@@ -190,7 +197,8 @@ class SetPointController(DescribedMixin):
         empty = np.zeros((K + 1, model.nw)), np.zeros((K, model.nu)), np.zeros((K, model.nu, self._driven.nx))
         v2 = np.array(measurement.v2, dtype=float)
         zeros = np.zeros(model.r)
-        state = SetPointState("stop", 0.0, 1.0, q, *empty, np.zeros(model.nv), 0, q[0], v2, zeros, 0.0, 0.0, 0, 0)
+        held = q[0], v2, zeros, zeros, v2, zeros
+        state = SetPointState("stop", 0.0, 1.0, q, *empty, np.zeros(model.nv), 0, *held, 0.0, 0.0, 0, 0)
         if not self._stands(v2):
             return state
         now = Nodes(q[:1], v2[None] if self._driven.nw else np.empty((1, 0)))
@@ -205,6 +213,8 @@ class SetPointController(DescribedMixin):
         if state.mode != "follow":
             hold = self._moved.step(Nodes(state.hold[None], np.empty((1, 0))), state.rate[None], np.array([dt])).q[0]
             state = state._replace(hold=hold, rate=state.rate * np.exp(-self.braking * dt))
+        if dt > 0 and not self.velocities:
+            state = self._learned(dt, v2, state)
         state = self._next(t, now, v2, state)._replace(time=t)
         if state.mode == "follow":
             u = self._followed(t, dt, now, state)
@@ -215,10 +225,21 @@ class SetPointController(DescribedMixin):
             v2_desired = state.rate
         if self.velocities:
             return VelocityTarget(v2=u, v2_dot=np.zeros_like(u)), state
+        state = state._replace(v2=v2.copy(), expected=self._commands.acceleration(u, q, v2, dt))
         command = Command(v2_desired=v2_desired)
         if self.form == "dynamic":
             return command._replace(T=u), state
         return command._replace(F=self._commands.force(u, q, v2, dt, t)), state
+
+    def _learned(self, dt: float, v2: Array, state: SetPointState) -> SetPointState:
+        """State that knows what the model lacked in the last sample, such as the weight of a load."""
+        lack = (state.expected - (v2 - state.v2) / dt) / (1.0 if self._model.nw else self.bandwidth)
+        lack = (state.lack + lack) / 2.0  # where robots are lighter than the model, all of it at once would alternate
+        if state.mode != "follow":
+            return state._replace(lack=lack)
+        # Slower than the feedback: what wrong inertias lack changes with the planned accelerations, and would lag.
+        share = 1.0 - math.exp(-_LEARNED * self._frequency(dt) * dt)
+        return state._replace(lack=lack, bias=state.bias + share * (lack - state.bias))
 
     # ------------------------------------------------------------------ modes
 
@@ -226,7 +247,7 @@ class SetPointController(DescribedMixin):
         """State after the changes of mode at a time."""
         if state.mode == "follow":
             if t >= state.begin + len(state.u) * state.h - 1e-9:
-                bias = state.bias - self._stiffness(0.0) * self._away(state.q[-1], now.q[0])
+                bias = state.bias - self._stiffness(t - state.time) * self._away(state.q[-1], now.q[0])
                 state = self._holding(t, now.q[0], np.zeros_like(v2), state._replace(bias=bias))
                 return self._standing(t, state, max(self.check, 2 * _SETTLED / self.braking))
             if t >= state.next_check - 1e-9:
@@ -306,7 +327,7 @@ class SetPointController(DescribedMixin):
         if self.velocities:
             return u + planned.w[0] + state.bias
         ahead, bias = state.u[k], state.bias
-        if dt > 0:
+        if t + dt > state.begin + (k + 1) * state.h + 1e-9:  # the sample has the inputs of several intervals
             time = state.begin + state.h * np.arange(len(state.q))
             ahead = mean_input(time, state.u, t, dt, state.u[-1])
         if self.form == "dynamic" and bias.any():
@@ -316,12 +337,13 @@ class SetPointController(DescribedMixin):
         # Nodes of the kinematic form have no velocities, and its bounds do not depend on them.
         v2, plan_v2 = (now.w[0], planned.w[0]) if self._model.nw else (state.u[k], state.u[k])
         return self._commands.nearest(
-            u + ahead, ahead, q, v2, dt, lambda: self._commands.outputs(planned.q[0], plan_v2)
+            u + ahead, ahead, q, v2, dt, lambda: self._commands.outputs(planned.q[0], plan_v2), state.lack
         )
 
     def _end_error(self, t: float, now: Nodes, state: SetPointState) -> float:
         """Largest error at the end of the plan, to which its feedback leads the model from a state [m or rad]."""
-        K, state = len(state.u), state._replace(bias=np.zeros(self._model.r))
+        zeros = np.zeros(self._model.r)
+        K, state = len(state.u), state._replace(bias=zeros, lack=zeros)  # the bias balances what the model lacks
         try:
             while t < state.begin + K * state.h - 1e-9:
                 until = state.begin + (self._planned(t, state)[1] + 1) * state.h
@@ -329,7 +351,10 @@ class SetPointController(DescribedMixin):
                 now, t = self._driven.step(now, u[None], np.array([until - t])), until
                 if self._excess(t, now) > self.tube:
                     return np.inf
-            return max(self.set_point.errors(now.q[0]).values())
+            # What the inputs move, the feedback at rest takes back: a robot that lags there is not off its plan.
+            back = np.clip(self._away(now.q[0], state.q[-1]), -_FARTHEST, _FARTHEST)
+            q = self._model.manifold.integrate(now.q, (self.reduced.at(now.q[0]).R @ back)[None])[0]
+            return max(self.set_point.errors(q).values())
         except RncError:  # it meets a singular configuration
             return np.inf
 
@@ -355,7 +380,7 @@ class SetPointController(DescribedMixin):
             u = change + 2.0 * k**0.5 * (rate - v2) - k * away  # critically damped
         if self.form == "dynamic":
             u = inputs_for(self._model, now, u[None])[0]
-        return state, self._commands.nearest(u, u, q, v2, dt)
+        return state, self._commands.nearest(u, u, q, v2, dt, None, state.lack)
 
     def _stiffness(self, dt: float) -> float:
         """Acceleration at rest for a displacement of one unit [1/s^2]; velocity where these are the inputs [1/s]."""
@@ -363,7 +388,11 @@ class SetPointController(DescribedMixin):
             return 0.5 * self.braking
         if self.form == "kinematic":
             return 0.25 * self.bandwidth
-        return min(FREQUENCY, _SAMPLED / dt) ** 2 if dt > 0 else FREQUENCY**2
+        return self._frequency(dt) ** 2
+
+    def _frequency(self, dt: float) -> float:
+        """Natural frequency at rest by forces [rad/s]."""
+        return min(FREQUENCY, _SAMPLED / dt) if dt > 0 else FREQUENCY
 
     def _away(self, start: Array, end: Array) -> Array:
         """Displacement (r,) between configurations in the directions that inputs move."""

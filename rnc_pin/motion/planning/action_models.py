@@ -188,8 +188,8 @@ class ActionModel(ABC):
             t: time since the first node [s].
         """
         k = min(max(int(t / h + 1e-9), 0), len(u) - 1)  # at a node, rounding of t takes the interval that begins there
-        start = Nodes(nodes.q[k : k + 1], nodes.w[k : k + 1])
-        return self.step(start, u[k : k + 1], np.array([max(0.0, t - k * h)])), k
+        start, since = Nodes(nodes.q[k : k + 1], nodes.w[k : k + 1]), t - k * h
+        return self.step(start, u[k : k + 1], np.array([since])) if since > 1e-9 * h else start, k
 
     def step_derivatives(self, at: Nodes, u: Array, h: Array) -> StepDerivatives:
         """Next states of nodes after steps h (n,) [s], with derivatives."""
