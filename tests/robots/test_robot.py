@@ -14,7 +14,7 @@ from refusals import refused
 from rnc_pin.robots.robot_files import find_example, find_urdf
 from textbook_systems import tractor_trailers
 from tolerances import ROUNDING
-from urdf_parts import INERTIAL
+from urdf_parts import INERTIAL, write
 
 GRAVITY = (0.0, 0.0, -9.81)
 
@@ -162,9 +162,7 @@ def refusal(call, capfd):
 
 @pytest.mark.parametrize(("text", "words"), BAD_FILES.values(), ids=BAD_FILES)
 def test_a_file_that_describes_no_robot_is_refused_in_one_line(text, words, tmp_path, capfd):
-    path = tmp_path / "bad.urdf"
-    path.write_text(text)
-    message = refusal(lambda: rnc.Robot.from_urdf(path), capfd)
+    message = refusal(lambda: rnc.Robot.from_urdf(write(tmp_path / "bad.urdf", text)), capfd)
     assert all(word in message for word in words), message
 
 
@@ -300,8 +298,7 @@ def test_links_of_mjcf_and_of_mounted_robots(tmp_path):
     )
 
     def read(mass, inertia):
-        (tmp_path / "r.xml").write_text(text.replace("MASS", mass).replace("INERTIA", inertia))
-        return rnc.Robot.from_mjcf(tmp_path / "r.xml")
+        return rnc.Robot.from_mjcf(write(tmp_path / "r.xml", text.replace("MASS", mass).replace("INERTIA", inertia)))
 
     changed = read("2", "2 2 1").with_masses({"c": 6.0})
     assert dynamic(changed) == pytest.approx(dynamic(read("6", "6 6 3")), abs=EXACT)

@@ -9,6 +9,7 @@ from rnc_pin.visualization.browser.scene_server import SceneWindow
 from rnc_pin.visualization.drawn_state import RATE, View, recorded_states
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
 from rnc_pin.visualization.run_scene import RunScene, ShownRun
+from urdf_parts import write
 
 DROP = """
 robot: {urdf: rolling_ball.urdf, base: free}
@@ -29,9 +30,7 @@ simulation: {duration: 0.4, dt: 0.02}
 
 def test_ground_carries_a_ball_after_its_landing(tmp_path):
     """No force in flight; then the weight of 1 kg, upwards at the contact point. The scene has a layer for it."""
-    file = tmp_path / "drop.yaml"
-    file.write_text(DROP)
-    prepared = Scenario.load(str(file)).build()
+    prepared = Scenario.load(str(write(tmp_path / "drop.yaml", DROP))).build()
     run = execute(prepared).trajectory
     drawn = drawn_run(prepared.experiment.drawn_model, prepared.experiment.scenario)
     states = list(recorded_states(drawn.robot, run))

@@ -15,7 +15,7 @@ from rnc_pin.applications.drive.commands import FrameGoal, initial_goals
 from rnc_pin.applications.drive.controls import DriveControls, DrivenBase
 from rnc_pin.applications.drive.run import CommandQueue, DriveStatus, drive, goal_distances
 from rnc_pin.motion.whole_body import LimitReport
-from urdf_parts import BOX, joint, link, robot, wheel
+from urdf_parts import BOX, joint, link, robot, wheel, write
 
 DT = 0.02
 
@@ -101,8 +101,7 @@ def bending(folder, rake=0.0, commands=()):
     if not rake:
         free = "  - rolling_wheel: {frame: front_right, radius: 0.2, lateral: false}\nactuators"
         text = text.replace("actuators", free)
-    (folder / "bending.yaml").write_text(text)
-    return prepared(str(folder / "bending.yaml"), commands, simulation__dt=DT)
+    return prepared(str(write(folder / "bending.yaml", text)), commands, simulation__dt=DT)
 
 
 def pressed(forward, turn, samples):

@@ -4,6 +4,7 @@ import pytest
 import yaml
 
 from rnc_pin.applications.init import DraftOptions, draft_with_decisions
+from urdf_parts import write
 
 
 @pytest.fixture
@@ -11,9 +12,7 @@ def drafted(tmp_path):
     """Function from a URDF and choices to (words of the kind, content, decisions by question)."""
 
     def make(text, **wishes):
-        file = tmp_path / "unit.urdf"
-        file.write_text(text)
-        found = draft_with_decisions(str(file), tmp_path, DraftOptions(**wishes))
+        found = draft_with_decisions(str(write(tmp_path / "unit.urdf", text)), tmp_path, DraftOptions(**wishes))
         (tmp_path / "unit.yaml").write_text(found.text)
         kind = next(line for line in found.text.splitlines() if line.startswith("# base"))
         decisions = {each.question: each for each in found.decisions}

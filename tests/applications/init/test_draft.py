@@ -13,7 +13,7 @@ from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import read_yaml
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.robots.robot_files import find_urdf
-from urdf_parts import joint, link, robot, wheel
+from urdf_parts import joint, link, robot, wheel, write
 
 pytestmark = [
     pytest.mark.filterwarnings(
@@ -104,11 +104,6 @@ def cart(*parts):
     return robot(link("base", 10, '<box size="0.5 0.3 0.1"/>'), *parts, name="cart")
 
 
-def write(folder, text, name="cart.urdf"):
-    (folder / name).write_text(text)
-    return folder / name
-
-
 def test_the_radius_of_a_mesh(tmp_path):
     """A wheel that is a mesh: sixteen corners on a circle about its own y axis."""
     angles = np.linspace(0, 2 * np.pi, 16, endpoint=False)
@@ -120,13 +115,13 @@ def test_the_radius_of_a_mesh(tmp_path):
         link(name, shape='<mesh filename="wheel.obj"/>') + joint(f"{name}_joint", "base", name, (0, y, 0))
         for name, y in (("left", 0.2), ("right", -0.2))
     ]
-    content, _ = drafted(write(tmp_path, cart(*parts)), tmp_path)
+    content, _ = drafted(write(tmp_path / "cart.urdf", cart(*parts)), tmp_path)
     assert radii(content) == pytest.approx({"left": 0.123, "right": 0.123}, abs=1e-5)
 
 
 def test_init_writes_what_inspect_and_run_accept(call, tmp_path, monkeypatch, no_pictures):
     monkeypatch.chdir(tmp_path)
-    write(tmp_path, cart(PAIR))
+    write(tmp_path / "cart.urdf", cart(PAIR))
     status, out, error = call("init", "cart.urdf")
     assert (status, error) == (0, "")
     assert "wrote cart.yaml" in out
@@ -149,7 +144,7 @@ def test_init_of_a_xacro_file_takes_its_arguments(call, tmp_path, monkeypatch):
     text = text.replace('radius="0.1"', "radius=\"${xacro.arg('size')}\"").replace(
         '<link name="base">', '<xacro:arg name="size" default="0.1"/><link name="base">'
     )
-    write(tmp_path, text, "cart.urdf.xacro")
+    write(tmp_path / "cart.urdf.xacro", text)
     assert call("init", "cart.urdf.xacro", "--arg", "size=0.15")[0] == 0
     content = read_yaml(tmp_path / "cart.yaml")
     assert radii(content) == {"left": 0.15, "right": 0.15}
@@ -172,9 +167,7 @@ def test_two_axles_that_are_only_drawn_leave_the_base_its_turn(tmp_path):
     mass = '<mass value="9"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
     arm = '<joint name="a" type="continuous"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/></joint>'
     links = "".join(f'<link name="{name}"><inertial>{mass}</inertial></link>' for name in ("base", "arm"))
-    urdf = tmp_path / "cart.urdf"
-    urdf.write_text(f'<robot name="cart">{links}{wheels}{arm}</robot>')
-    content, path = drafted(urdf, tmp_path)
+    content, path = drafted(write(tmp_path / "cart.urdf", f'<robot name="cart">{links}{wheels}{arm}</robot>'), tmp_path)
     assert content["constraints"] == [{"no_side_slip": {"frame": "base", "axis": "y", "at": [0.1, 0.0, 0.0]}}]
     assert content["task"]["primary"] == ["base_speed_x", "base_yaw", "a"]
     assert "2 axles of one body cannot all roll in a turn" in path.read_text()

@@ -6,15 +6,14 @@ import yaml
 from rnc_pin.applications.init import DraftOptions, draft, redundancy_use
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
-from urdf_parts import BOX, joint, link, robot, transmissions, wheel
+from urdf_parts import BOX, joint, link, robot, transmissions, wheel, write
 
 pytestmark = pytest.mark.usefixtures("brief")
 
 
 def run_draft(text, folder, name="unit.urdf", **wishes):
     """(content of a draft, its text); its run succeeds."""
-    (folder / name).write_text(text)
-    drafted = draft(str(folder / name), folder, DraftOptions(**wishes))
+    drafted = draft(str(write(folder / name, text)), folder, DraftOptions(**wishes))
     (folder / "unit.yaml").write_text(drafted)
     brief = {"simulation.duration": 0.5, "simulation.dt": 0.01}
     assert execute(Scenario.load(str(folder / "unit.yaml"), brief)).trajectory.verdict.succeeded

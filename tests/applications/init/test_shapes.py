@@ -11,6 +11,7 @@ from rnc_pin.applications.init import draft, draft_with_decisions
 from rnc_pin.applications.init.evidence import DriveEvidence
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.source import FileNames
+from urdf_parts import write
 
 pytestmark = pytest.mark.usefixtures("brief")
 
@@ -42,9 +43,7 @@ def cart(folder, shapes, links="", root="anchor", height=0):
     wheels = "".join(
         (WHEEL + links).format(side=side, y=y, shapes=shapes) for side, y in (("left", 0.2), ("right", -0.2))
     )
-    path = folder / "cart.urdf"
-    path.write_text(f'<robot name="cart">{BASE.format(root=root, height=height)}{wheels}</robot>')
-    return path
+    return write(folder / "cart.urdf", f'<robot name="cart">{BASE.format(root=root, height=height)}{wheels}</robot>')
 
 
 SEEN = DISK.format(kind="visual", radius=0.14)

@@ -10,7 +10,7 @@ from rnc_pin.applications.init.evidence import joint_limits
 from rnc_pin.applications.init.start_values import start_values
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
-from urdf_parts import joint, link, robot
+from urdf_parts import joint, link, robot, write
 
 pytest.importorskip("mujoco", reason="mujoco is an optional extra and not installed")
 pytestmark = pytest.mark.usefixtures("brief")  # the runs below are whole
@@ -28,9 +28,7 @@ FINGER = """<mujoco><compiler angle="radian"/><worldbody>
 
 
 def finger(folder, **joints):
-    path = folder / "finger.xml"
-    path.write_text(FINGER.format(**joints))
-    return path
+    return write(folder / "finger.xml", FINGER.format(**joints))
 
 
 def gap(robot, values):
@@ -108,8 +106,7 @@ def test_a_joint_starts_where_it_and_its_mimic_joints_are_within_their_limits(li
 
 
 def test_the_motion_of_a_leader_keeps_the_limits_of_its_mimic_joints(tmp_path):
-    (tmp_path / "jaws.urdf").write_text(jaws((-1, 0, -0.3, 0), (1, 0.1, 0, 0.3)))
-    text = draft(str(tmp_path / "jaws.urdf"), tmp_path, DraftOptions())
+    text = draft(str(write(tmp_path / "jaws.urdf", jaws((-1, 0, -0.3, 0), (1, 0.1, 0, 0.3)))), tmp_path, DraftOptions())
     (tmp_path / "jaws.yaml").write_text(text)
     content = yaml.safe_load(text)
     assert content["initial"]["q"]["lead"] == 0.004  # inside of 0 and 0.2
@@ -160,10 +157,8 @@ def four_bar(angle, motor, lengths=(0.1, 0.3, 0.2, 0.3), sense=1, rocker=""):
 
 
 def drafted(text, folder):
-    (folder / "loop.xml").write_text(text)
-    written = draft(str(folder / "loop.xml"), folder, DraftOptions())
-    (folder / "loop.yaml").write_text(written)
-    run = execute(Scenario.load(str(folder / "loop.yaml"), {"simulation.dt": 0.01})).trajectory
+    written = draft(str(write(folder / "loop.xml", text)), folder, DraftOptions())
+    run = execute(Scenario.load(str(write(folder / "loop.yaml", written)), {"simulation.dt": 0.01})).trajectory
     assert run.verdict.succeeded
     return written.replace("\n# ", " "), yaml.safe_load(written), run
 
@@ -217,8 +212,7 @@ DISK = '<geom type="cylinder" size="0.1 0.02" euler="90 0 0" mass="0.5"/>'
 
 @pytest.mark.parametrize("rack", [False, True], ids=["tie rod", "rack"])
 def test_a_linkage_steers_both_wheels_of_a_car(rack, tmp_path):
-    (tmp_path / "car.xml").write_text(linkage(rack))
-    text = draft(str(tmp_path / "car.xml"), tmp_path, DraftOptions())
+    text = draft(str(write(tmp_path / "car.xml", linkage(rack))), tmp_path, DraftOptions())
     content = yaml.safe_load(text)
     assert "# base planar: 4 wheels, steered like a car" in text
     assert "loops of the file couple steer_l and steer_r" in text

@@ -14,6 +14,7 @@ from rnc_pin.applications.scenario.builder import build_experiment
 from rnc_pin.applications.scenario.schema.scenario import validate
 from rnc_pin.errors import ModelError
 from rnc_pin.robots.robot_files import example_urdfs, find_urdf, shipped_directory
+from urdf_parts import write
 
 SHIPPED = sorted({path.name for path in shipped_directory().glob("*.urdf")})
 STRANGE = sorted(path.name for path in DIRT.glob("*.urdf"))
@@ -81,9 +82,7 @@ FORK = (DIRT / "raked_fork.urdf").read_text()
 
 
 def leaning(folder, text):
-    path = folder / "fork.urdf"
-    path.write_text(text)
-    return path
+    return write(folder / "fork.urdf", text)
 
 
 @pytest.mark.parametrize(("turned", "of"), [

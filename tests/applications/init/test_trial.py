@@ -11,7 +11,7 @@ from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import read_yaml
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.verdict import FindingKind, Severity
-from urdf_parts import BOX, joint, link, pivot, robot, wheel
+from urdf_parts import BOX, joint, link, pivot, robot, wheel, write
 
 
 def drafted(text, folder):
@@ -217,8 +217,7 @@ def test_of_two_open_answers_the_one_whose_run_keeps_the_limits_is_taken(tmp_pat
     parts += [link("front", 20.0, BOX, at="0.4 0 0")]
     parts += [joint("waist", "rear", "front", (0.1, 0, 0), "0 0 1", "revolute", 200.0, (-0.6, 0.6))]
     parts += [wheel("fl", "front", (0.5, 0.3, 0)), wheel("fr", "front", (0.5, -0.3, 0))]
-    (tmp_path / "unit.urdf").write_text(robot(*parts))
-    found = draft_with_decisions(str(tmp_path / "unit.urdf"), tmp_path)
+    found = draft_with_decisions(str(write(tmp_path / "unit.urdf", robot(*parts))), tmp_path)
     assert "# base planar: 4 wheels, steered like a car\n" in found.text
     taken = next(each for each in found.decisions if each.question == "Is waist a free hitch?")
     assert (taken.answer, taken.is_open) == ("no, it is driven and steers", False)

@@ -13,6 +13,7 @@ from refusals import refusal
 from rnc_pin.applications.scenario.files import built_in_names, find_scenario, parse_option, read_yaml, with_options
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.sweep.runs import draws_of
+from urdf_parts import write
 
 SPACE_ROBOT_DURATION = read_yaml(find_scenario("space-robot"))["simulation"]["duration"]
 # Comparisons would build everything twice; a roll-out of one second is enough for gains.
@@ -22,9 +23,7 @@ SPACE_ROBOT = with_options(read_yaml(find_scenario("space-robot")), QUICK)
 
 def plan_of(changes, folder):
     """The plan of the space robot's scenario with values at dotted keys replaced."""
-    path = folder / "mine.yaml"
-    path.write_text(yaml.safe_dump(with_options(SPACE_ROBOT, changes)))
-    return Scenario.load(str(path)).build()
+    return Scenario.load(str(write(folder / "mine.yaml", yaml.safe_dump(with_options(SPACE_ROBOT, changes))))).build()
 
 
 CUT_SHORT = ("space-robot-uncertain", "wheels-uncertain")
@@ -219,9 +218,7 @@ TEXTS = {
 
 @pytest.mark.parametrize(("text", "words"), TEXTS.values(), ids=TEXTS)
 def test_a_file_that_is_no_mapping_is_refused_with_its_line(text, words, tmp_path):
-    path = tmp_path / "mine.yaml"
-    path.write_text(text)
-    message = refusal(lambda: Scenario.load(str(path)).build())
+    message = refusal(lambda: Scenario.load(str(write(tmp_path / "mine.yaml", text))).build())
     assert all(word in message for word in ["mine.yaml", *words]), message
 
 
@@ -247,9 +244,7 @@ def presets_and_variants(folder, **more):
     raw = with_options(read_yaml(find_scenario("space-robot")), {"comparisons": {}, "plots": {}})
     raw["presets"] = {"paper": {"simulation.dt": 0.004, "simulation.duration": 3.0}}
     raw["variants"] = {"slow": {"controller.preset": "paper"}, "other": {}}
-    path = folder / "mine.yaml"
-    path.write_text(yaml.safe_dump({**raw, **more}))
-    return str(path)
+    return str(write(folder / "mine.yaml", yaml.safe_dump({**raw, **more})))
 
 
 def test_a_preset_brings_what_goes_with_it_a_variant_its_preset_and_options_count_more(tmp_path):
@@ -262,8 +257,7 @@ def test_a_preset_brings_what_goes_with_it_a_variant_its_preset_and_options_coun
         assert not {"variant", "presets"} & slow.raw.keys()  # a record says what was run, and runs again as it was
         shorter = Scenario.load(path, {**options, "simulation.duration": 2.0}).build()
         assert shorter.duration == 2.0
-    (tmp_path / "again.yaml").write_text(yaml.safe_dump(shorter.raw))
-    assert Scenario.load(str(tmp_path / "again.yaml")).build().duration == 2.0
+    assert Scenario.load(str(write(tmp_path / "again.yaml", yaml.safe_dump(shorter.raw)))).build().duration == 2.0
     assert Scenario.load(presets_and_variants(tmp_path, variant="slow")).build().duration == 3.0
     unknown = "no variant 'slwo'; did you mean 'slow'"
     wrongs = {"comparisons": ["slwo"]}, {"variant": "slwo"}, {"presets": {"papr": {}}}

@@ -5,6 +5,7 @@ import pytest
 import yaml
 
 import rnc_pin as rnc
+from urdf_parts import write
 
 SLEIGH = {
     "robot": {"urdf": "chaplygin_sleigh.urdf", "base": "planar"},
@@ -14,9 +15,7 @@ SLEIGH = {
 
 
 def written(folder, **more):
-    path = folder / "mine.yaml"
-    path.write_text(yaml.safe_dump({**SLEIGH, **more}))
-    return path
+    return write(folder / "mine.yaml", yaml.safe_dump({**SLEIGH, **more}))
 
 
 def test_a_file_of_the_dynamics_alone_has_a_model(tmp_path):

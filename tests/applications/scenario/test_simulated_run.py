@@ -6,6 +6,7 @@ import yaml
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.verdict import FindingKind
+from urdf_parts import write
 
 CART = """<robot name="cart"><link name="base"/><link name="slide"><inertial><mass value="1"/>
 <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
@@ -23,9 +24,7 @@ SCENARIO = {
 
 def run_of(folder, changes):
     (folder / "cart.urdf").write_text(CART)
-    path = folder / "cart.yaml"
-    path.write_text(yaml.safe_dump(SCENARIO | changes))
-    return execute(Scenario.load(str(path))).trajectory
+    return execute(Scenario.load(str(write(folder / "cart.yaml", yaml.safe_dump(SCENARIO | changes))))).trajectory
 
 
 @pytest.mark.parametrize(("duration", "said"), [(1.0, True), (1.95, False), (2.5, False)])

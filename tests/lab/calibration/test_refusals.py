@@ -8,6 +8,7 @@ import rnc_pin as rnc
 from rnc_pin.lab.calibration import EncoderScale, JointShift, SensorPlace, WheelRadius
 from rnc_pin.lab.logs import Channel, LogMapping, unwrapped
 from rolled_logs import DIFFERENTIAL, TRICYCLE
+from urdf_parts import write
 
 WRONG, MODEL, INPUT, UNSEEN = rnc.ConfigurationError, rnc.ModelError, rnc.InputError, rnc.InfeasibleError
 WHEEL = {"joints": {"wheel": {"position": "a"}}}
@@ -15,8 +16,7 @@ PLACE = [SensorPlace("x")]
 
 
 def calibrated(folder, unknown, vehicle=DIFFERENTIAL, without="", base="planar", sensor="sensor", **options):
-    (folder / "file.urdf").write_text(vehicle.urdf(vehicle.nominal))
-    robot = rnc.Robot.from_urdf(folder / "file.urdf", base=base)
+    robot = rnc.Robot.from_urdf(write(folder / "file.urdf", vehicle.urdf(vehicle.nominal)), base=base)
     log = rnc.Log(each for each in vehicle.log(0, duration=2.0) if each.of != without)
     return rnc.calibrate(
         rnc.NonholonomicSystem(robot, vehicle.constraints(vehicle.nominal)), log, unknown, sensor, **options
@@ -24,13 +24,11 @@ def calibrated(folder, unknown, vehicle=DIFFERENTIAL, without="", base="planar",
 
 
 def read(folder, keys, text="time,a,b\n0,0,0\n1,1,1\n2,2,2\n"):
-    (folder / "log.csv").write_text(text)
-    return rnc.Log.read(folder / "log.csv", keys)
+    return rnc.Log.read(write(folder / "log.csv", text), keys)
 
 
 def read_mapping(folder, text):
-    (folder / "log.yaml").write_text(text)
-    return LogMapping.of(folder / "log.yaml")
+    return LogMapping.of(write(folder / "log.yaml", text))
 
 
 def read_archive(folder, keys, **arrays):

@@ -147,8 +147,7 @@ def test_broken_meshes_are_refused_soon_and_by_name(name, content, says, tmp_pat
     path = write(tmp_path / name, content)
     with ending_within(5), pytest.raises(MeshError, match=says):
         read_mesh(path)
-    (tmp_path / "r.urdf").write_text(solid.urdf([name]))
-    robot = rnc.Robot.from_urdf(tmp_path / "r.urdf")
+    robot = rnc.Robot.from_urdf(write(tmp_path / "r.urdf", solid.urdf([name])))
     with ending_within(5), pytest.warns(rnc.ModelWarning, match=f"1 mesh was not readable: {name} \\(.*({says})"):
         assert robot.stand_ins == {"b_stand_in"}
     assert not robot.collision_model.ngeoms
@@ -175,8 +174,7 @@ def test_a_pipe_is_not_waited_for(tmp_path):
 @pytest.mark.parametrize("scale", ["0 1 1", "1e300 1 1", "1e17 1 1"])
 def test_a_scale_that_leaves_no_solid_is_refused(scale, tmp_path):
     write(tmp_path / "m.obj", solid.obj())
-    (tmp_path / "r.urdf").write_text(solid.urdf(["m.obj"]).replace("1 1 -2", scale))
-    robot = rnc.Robot.from_urdf(tmp_path / "r.urdf")
+    robot = rnc.Robot.from_urdf(write(tmp_path / "r.urdf", solid.urdf(["m.obj"]).replace("1 1 -2", scale)))
     with pytest.warns(rnc.ModelWarning, match=r"m\.obj \(.*scale"):
         assert robot.stand_ins == {"b_stand_in"}
 

@@ -41,8 +41,7 @@ def folder(tmp_path):
 
 
 def written(folder, text):
-    (folder / "robot.xml").write_text(text)
-    return folder / "robot.xml"
+    return write(folder / "robot.xml", text)
 
 
 def same_machine(path):

@@ -161,8 +161,7 @@ def test_a_mass_is_spread_over_every_kind_of_geometry(shape, tmp_path):
     origin, geometry, edges = SHAPES[shape]
     text = (DIRT / "massless_knuckle.urdf").read_text()
     text = text.replace('<origin xyz="0.1 0 0"/><geometry><box size="0.2 0.04 0.06"/>', f"{origin}<geometry>{geometry}")
-    (tmp_path / "robot.urdf").write_text(text)
-    robot = rnc.Robot.from_urdf(tmp_path / "robot.urdf", masses={"knuckle": 1.2, "fork": 1})
+    robot = rnc.Robot.from_urdf(write(tmp_path / "robot.urdf", text), masses={"knuckle": 1.2, "fork": 1})
     moments = 0.1 * (np.sum(np.square(edges)) - np.square(edges))
     np.testing.assert_allclose(np.diag(robot.model.inertias[robot.joint_id("steer")].inertia), moments, rtol=1e-6)
 
@@ -273,8 +272,7 @@ def test_namespaces_are_read_as_by_urdfdom(namespace, tmp_path):
     text = (DIRT / "no_limits.urdf").read_text()
     foreign = '<sim:joint name="foreign" type="fixed"/><sim:link name="foreign"><sim:mass value="1"/></sim:link>'
     text = text.replace("<robot ", f"<robot {namespace} ").replace("</robot>", f"{foreign}</robot>")
-    (tmp_path / "r.urdf").write_text(text)
-    robot, said = loaded(tmp_path / "r.urdf")
+    robot, said = loaded(write(tmp_path / "r.urdf", text))
     plain, usual = loaded("no_limits.urdf")
     assert robot.joint_names == plain.joint_names
     assert [each.name for each in robot.model.frames] == [each.name for each in plain.model.frames]

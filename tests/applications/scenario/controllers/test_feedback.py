@@ -5,6 +5,7 @@ import pytest
 import yaml
 
 import rnc_pin as rnc
+from urdf_parts import write
 
 GOAL = {"sleigh_x": 0.0, "sleigh_y": 0.0, "sleigh_yaw": 0.0}
 BOUNDS = {"input": {"force(sleigh.x)": [-5.0, 5.0], "torque(sleigh.z)": [-5.0, 5.0]}}
@@ -26,9 +27,7 @@ def scenario(folder, controller, **others):
         "controller": controller,
         "simulation": {"duration": 8.0, "dt": 0.05},
     }
-    path = folder / "park.yaml"
-    path.write_text(yaml.safe_dump({**content, **others}))
-    return rnc.Scenario.load(path)
+    return rnc.Scenario.load(write(folder / "park.yaml", yaml.safe_dump({**content, **others})))
 
 
 @pytest.mark.parametrize("controller", [PLANNED, {**PREDICTIVE, "bounds": BOUNDS}, {**PREDICTIVE, "equality": True}])

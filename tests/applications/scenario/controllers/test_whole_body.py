@@ -10,6 +10,7 @@ import yaml
 import rnc_pin as rnc
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
+from urdf_parts import write
 
 SCENARIO = """
 robot: {urdf: mobile_manipulator.urdf, base: planar}
@@ -42,9 +43,7 @@ simulation: {duration: 1.6, dt: 0.008}
 def written(folder, **controller):
     raw = yaml.safe_load(SCENARIO)
     raw["controller"] |= controller
-    path = folder / "reach.yaml"
-    path.write_text(yaml.safe_dump(raw))
-    return str(path)
+    return str(write(folder / "reach.yaml", yaml.safe_dump(raw)))
 
 
 def test_the_hand_follows_its_reference_within_the_limits(tmp_path):
@@ -105,9 +104,7 @@ def test_the_default_tracker_reaches_with_a_published_arm_at_100_hz(name, tmp_pa
     ends = {}
     for kind in ("qp", "inverse_dynamics"):
         raw["controller"]["type"] = kind
-        path = tmp_path / f"{kind}.yaml"
-        path.write_text(yaml.safe_dump(raw))
-        run = Scenario.load(path).run()
+        run = Scenario.load(write(tmp_path / f"{kind}.yaml", yaml.safe_dump(raw))).run()
         ends[kind] = run.x1[-1] - run.x1[0]
     gains = Scenario.load(tmp_path / "qp.yaml").controller.gains
     assert gains.modes is not None
@@ -207,9 +204,7 @@ def point(folder, **changes):
     (folder / "point.urdf").write_text(POINT_URDF)
     raw = yaml.safe_load(POINT)
     raw["controller"] |= changes.pop("controller", {})
-    path = folder / "point.yaml"
-    path.write_text(yaml.safe_dump(raw | changes))
-    return str(path)
+    return str(write(folder / "point.yaml", yaml.safe_dump(raw | changes)))
 
 
 def gaps(trajectory):

@@ -17,6 +17,7 @@ from rnc_pin.collision import CollisionDistances
 from rnc_pin.visualization.plots import draw_obstacles
 from rnc_pin.visualization.recording import Recording
 from rnc_pin.visualization.scene_bodies import corners_over_time, outline, surface_points
+from urdf_parts import write
 
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 SCENARIO = """
@@ -39,9 +40,7 @@ BESIDE = """
 
 
 def prepared(tmp_path, obstacles, **options):
-    file = tmp_path / "arm.yaml"
-    file.write_text(SCENARIO + obstacles)
-    return Scenario.load(str(file), options).build()
+    return Scenario.load(str(write(tmp_path / "arm.yaml", SCENARIO + obstacles)), options).build()
 
 
 def test_every_shape_is_built(tmp_path):
