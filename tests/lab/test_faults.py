@@ -109,8 +109,7 @@ def experiment(name, **options):
 
 def test_truth_differs_from_belief():
     made = experiment("space-robot", faults={"masses": 0.3})
-    true = made.plant.plant.reduced.robot.model
-    believed = made.reduced.robot.model
+    true, believed = made.plant.plant.reduced.robot.model, made.reduced.robot.model
     ratios = [a.mass / b.mass for a, b in zip(true.inertias[1:4], believed.inertias[1:4], strict=False)]
     assert all(0.7 <= ratio <= 1.3 and ratio != 1.0 for ratio in ratios)
     stuck = {"masses": 0.3, "stuck": {"joint": "joint_2", "time": 0.5}}

@@ -36,8 +36,7 @@ def test_driven_wheels_push_the_robot_forward_and_a_turn_to_its_inside():
     mass = sum(each.mass for each in list(reduced.robot.model.inertias)[1:])
     state = reduced.at(reduced.robot.configuration(), np.array([3.0, 5.0]))  # turns to the left
     T = np.array([2.0, 1.0])
-    named = forces_of(reduced, state, T)
-    acceleration = state.acceleration(T)
+    named, acceleration = forces_of(reduced, state, T), state.acceleration(T)
     model = reduced.robot.model
     data = model.createData()
     pin.forwardKinematics(model, data, state.q, state.v, acceleration)

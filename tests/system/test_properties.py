@@ -55,8 +55,7 @@ def kkt_residual(reduced, q, v2, T):
     Momenta have no reaction: that they are conserved has to follow.
     """
     t, full = reduced.terms(q, v2), reduced.lagrangian_terms(q, v2)
-    state = reduced.at(q, v2)
-    v2_dot = reduced.forward_dynamics(q, v2, T)
+    state, v2_dot = reduced.at(q, v2), reduced.forward_dynamics(q, v2, T)
     v_dot = state.v_dot(v2_dot)
     A = t.A[reacting(reduced)]
     n, m = reduced.n, len(A)

@@ -16,8 +16,7 @@ pytestmark = pytest.mark.filterwarnings("error", "ignore:zmq.eventloop.ioloop is
 INTEGRATED = 1e-9  # positions after a period of a thousand fourth-order steps [rad or m]
 
 MASS, INERTIA, LENGTH, GRAVITY = 1.3, 0.07, 0.4, 9.81  # of the bob; inertia about any axis through its centre
-AXES = ["0 1 0", "0 -1 0", "0.6 0 0.8", "-0.8 0 -0.6"]
-KINDS = ["revolute", "continuous"]
+AXES, KINDS = ["0 1 0", "0 -1 0", "0.6 0 0.8", "-0.8 0 -0.6"], ["revolute", "continuous"]
 
 
 def pendulum(kind, axis, gravity=GRAVITY):

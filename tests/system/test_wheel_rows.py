@@ -29,8 +29,7 @@ def test_rows_are_drawn_where_they_act(name):
         points, directions = rows.lines_of_action(motion)
         velocity, centre = motion.velocity(frame), motion.placement(frame).translation
         moved = velocity[:3] + np.cross(velocity[3:], points - centre)
-        found = rows.jacobian(motion) @ motion.v
-        expected = np.sum(directions * moved, axis=1)
+        found, expected = rows.jacobian(motion) @ motion.v, np.sum(directions * moved, axis=1)
         if name == "caster of a wheel":  # a ball that glides: only the velocity of its centre counts
             expected = velocity[2:3]
         np.testing.assert_allclose(found, expected, atol=ROUNDING)
@@ -137,8 +136,7 @@ def test_a_caster_carries_its_share():
     system = rnc.NonholonomicSystem(robot, [*wheels, rnc.Caster("nose", 0.06)], motors)
     reduced = system.reduce([rnc.FrameSpeed("base"), rnc.FrameAngularVelocity("base", "z")])
     assert "vertical(nose)" in reduced.constraints.names
-    q = reduced.assembled(robot.configuration())
-    data = robot.model.createData()
+    q, data = reduced.assembled(robot.configuration()), robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, q)
     com = pin.centerOfMass(robot.model, data, q)
     axle, nose = (data.oMf[robot.frame_id(name)].translation for name in ("left_wheel", "nose"))

@@ -86,8 +86,7 @@ def ask_to_watch(host, origin):
 
 def test_browsers_that_vanish_leave_no_trace(caplog):
     window = SceneWindow()
-    host = window.serve().split("/")[2]
-    scene = meshcat.Visualizer(window=window)
+    host, scene = window.serve().split("/")[2], meshcat.Visualizer(window=window)
     try:
         for _ in range(8):
             connection, status = ask_to_watch(host, f"http://{host}")
@@ -126,8 +125,7 @@ def test_what_counts_as_this_machine_only():
 
 def test_a_browser_that_reads_no_more_costs_no_memory():
     window = SceneWindow()
-    host = window.serve().split("/")[2]
-    scene = meshcat.Visualizer(window=window)
+    host, scene = window.serve().split("/")[2], meshcat.Visualizer(window=window)
     points = np.random.default_rng(0).normal(size=(3, 20_000)).astype(np.float32)
     connection, status = ask_to_watch(host, f"http://{host}")
     try:

@@ -21,8 +21,7 @@ from rnc_pin.robots.robot_files import shipped_directory
 from terminal import results
 from urdf_parts import joint, link, robot, write
 
-SHORT = ["--set", "simulation.duration=0.2"]
-ALONE = ["--set", "comparisons={}"]
+SHORT, ALONE = ["--set", "simulation.duration=0.2"], ["--set", "comparisons={}"]
 BARE = [*SHORT, *ALONE, "--set", "plots={}"]
 
 ARRAYS = {  # sizes of one sample: nq = nv = 4, r = p = 3, m = 1

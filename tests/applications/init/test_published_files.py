@@ -85,8 +85,7 @@ def test_mecanum_wheels_move_sideways(tmp_path):
     """The rates of the wheels are those of the textbook: +-(vx -+ vy) over the radius."""
     content, _, path = drafted("mecanum_with_rollers", tmp_path)
     prepared = Scenario.load(str(path), {**HURRIED, "reference.primary.minimum_jerk.by": [0.0, 0.3, 0.0]}).build()
-    trajectory = execute(prepared).trajectory
-    robot = prepared.experiment.reduced.robot
+    trajectory, robot = execute(prepared).trajectory, prepared.experiment.reduced.robot
     radius = entries(content, "rolling_wheel")[0]["radius"]
     v = trajectory.v[trajectory.v.shape[0] // 2]
     sideways = v[1]

@@ -138,8 +138,7 @@ def test_an_option_that_leads_nowhere_is_refused(key, words):
     assert words in refusal(lambda: with_options({"a": {"b": 1, "list": [1, 2]}}, {key: 3}))
 
 
-PRIMARY = "reference.primary"
-FIRST = "outputs.reducing.0"
+PRIMARY, FIRST = "reference.primary", "outputs.reducing.0"
 TIP = {"frame_position": {"frame": "tip", "axes": "xy"}}
 
 BROKEN = {

@@ -49,8 +49,7 @@ def test_a_row_is_the_run_of_its_draw(whole):
     for run in (0, 11):
         draw = whole.draw(run)
         assert set(draw) == {"speed", "spin", "kind"}
-        figures = rnc.summarize(Sleighs()(draw))
-        row = whole.row(run)
+        figures, row = rnc.summarize(Sleighs()(draw)), whole.row(run)
         assert row["constraint_residual_max"] == figures["constraint_residual_max"]
         assert row["energy_drift"] == figures["energy_drift"]
     np.testing.assert_array_equal(whole["run"], np.arange(12))

@@ -6,8 +6,7 @@ import pytest
 
 import rnc_pin as rnc
 
-TIME = 1_700_000_000.0 + np.arange(50) * 0.02
-ANGLE = 0.3 * np.arange(50)
+TIME, ANGLE = 1_700_000_000.0 + np.arange(50) * 0.02, 0.3 * np.arange(50)
 TICKS = np.mod(np.round(ANGLE * 4096 / (2 * np.pi)), 4096)
 X, YAW = 0.1 * ANGLE, 0.02 * np.arange(50)
 KEYS = {

@@ -361,8 +361,7 @@ def test_a_loop_is_as_far_from_closed_as_in_mujoco(name, tmp_path):
     """The gap of three coordinates, at random configurations; and all angles at which MuJoCo has it closed."""
     text = TREE.format(head="", equality=LOOPS[name])
     model = mujoco.MjModel.from_xml_string(text)
-    data = mujoco.MjData(model)
-    robot = rnc.Robot.from_mjcf(write(tmp_path / "r.xml", text))
+    data, robot = mujoco.MjData(model), rnc.Robot.from_mjcf(write(tmp_path / "r.xml", text))
     (closure,) = robot.closures
     rows = rnc.LoopClosure(*closure).bind(robot)
     generator = np.random.default_rng(0)

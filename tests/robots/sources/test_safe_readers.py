@@ -174,8 +174,7 @@ def test_what_is_not_taken_as_written_is_warned_of(text, words, tmp_path):
         assert robot.model.lowerPositionLimit[0] < -1e100
 
 
-GEOM = '<geom size="1" mass="1"/>'
-HINGE = '<joint name="j" type="hinge"/>'
+GEOM, HINGE = '<geom size="1" mass="1"/>', '<joint name="j" type="hinge"/>'
 
 
 @pytest.mark.parametrize(("text", "words"), [
