@@ -269,11 +269,8 @@ def test_the_latest_commands_stay_in_an_order_that_draws_the_scene():
         window.post({"type": kind, "path": path, "size": size})
     drawn = [umsgpack.unpackb(data) for data in in_order(window.latest)]
     assert [(each["path"], each["type"], each["size"]) for each in drawn] == [
-        ("a", "set_object", 1),
-        ("a/b", "set_object", 1),
-        ("/a", "set_transform", 2),
-        ("", "set_animation", 1),
-    ]
+        ("a", "set_object", 1), ("a/b", "set_object", 1), ("/a", "set_transform", 2), ("", "set_animation", 1),
+    ]  # fmt: skip
     window.post({"type": "set_object", "path": "ab"})
     window.post({"type": "delete", "path": "a"})
     assert {path for path, _ in window.latest} == {"ab", ""}

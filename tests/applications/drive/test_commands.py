@@ -11,21 +11,15 @@ from rnc_pin.applications.drive.commands import parse_command
 from rnc_pin.applications.drive.controls import DriveControls, DrivenBase, Range
 
 CONTROLS = DriveControls(
-    frames={"tip": (True, True, True)},
-    joints={"elbow": Range(-1.0, 2.0, 0.5, "rad")},
+    frames={"tip": (True, True, True)}, joints={"elbow": Range(-1.0, 2.0, 0.5, "rad")},
     base=DrivenBase("base", turns=True, slides=False),
-)
+)  # fmt: skip
 VALID = [
     commands.FrameGoal(frame="tip", position=(1.0, 2.5, -0.1), orientation=(0.0, 0.0, 0.0, 1.0)),
-    commands.ReleaseFrame(frame="tip"),
-    commands.JointGoal(joint="elbow", position=2.0),
-    commands.BaseVelocity(forward=-1.0, turn=0.5),
-    commands.BaseGoal(x=1.0, y=-2.0),
-    commands.HoldBase(on=True),
-    commands.GainSetting(gain="base speed", value=0.3),
-    commands.StopMotion(),
-    commands.EndRun(),
-]
+    commands.ReleaseFrame(frame="tip"), commands.JointGoal(joint="elbow", position=2.0),
+    commands.BaseVelocity(forward=-1.0, turn=0.5), commands.BaseGoal(x=1.0, y=-2.0), commands.HoldBase(on=True),
+    commands.GainSetting(gain="base speed", value=0.3), commands.StopMotion(), commands.EndRun(),
+]  # fmt: skip
 
 
 def test_each_kind_is_read_from_its_message():

@@ -29,15 +29,11 @@ def gripper(*named, efforts=(5.0, 5.0), multiplier=-1):
     limits = (-0.02, 0.02) if multiplier else (-1, 1)
     mirror = joint("mirror", "base", "right", (0.3, -0.1, 0.1), "0 1 0", "prismatic", efforts[1], limits)
     return robot(
-        link("base", 10.0, BOX),
-        wheel("l", "base", (0, 0.2, 0)),
-        wheel("r", "base", (0, -0.2, 0)),
-        link("left", 0.1),
+        link("base", 10.0, BOX), wheel("l", "base", (0, 0.2, 0)), wheel("r", "base", (0, -0.2, 0)), link("left", 0.1),
         link("right", 0.1),
         joint("grip", "base", "left", (0.3, 0.1, 0.1), "0 1 0", "prismatic", efforts[0], (0, 0.05)),
-        following(mirror, "grip", multiplier),
-        transmissions(*named),
-    )
+        following(mirror, "grip", multiplier), transmissions(*named),
+    )  # fmt: skip
 
 
 WHEELS = ["l_joint", "r_joint"]

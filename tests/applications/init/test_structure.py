@@ -248,10 +248,9 @@ def semi():
     """The tree begins at the trailer; the truck has an axle and a steered wheel, and all wheels are only drawn."""
     body, still = '<box size="0.3 0.2 0.05"/>', {"kind": "fixed"}
     parts = [
-        link("trailer", 5.0, body, at="0 0 0.1"),
-        drawn_pair("tw", "trailer", 0.0, **still),
+        link("trailer", 5.0, body, at="0 0 0.1"), drawn_pair("tw", "trailer", 0.0, **still),
         link("truck", 5.0, body, at="0 0 0.1"),
-    ]
+    ]  # fmt: skip
     hitch = joint("pin", "trailer", "truck", (0.6, 0, 0), "0 0 1")
     return robot(*parts, hitch, drawn_pair("rw", "truck", 0.0, **still), drawn("front", "truck", (0.4, 0, 0)))
 
@@ -525,10 +524,9 @@ def test_motors_locks_and_wheels_of_a_draft(text, wishes, kind, actuators, count
 
 def test_a_wheel_with_its_mass_beside_the_axle_is_to_be_checked(drafted, tmp_path):
     text = robot(
-        link("base", 10.0, BOX, at="0.02 0 0.05"),
-        pair("w", "base", 0),
+        link("base", 10.0, BOX, at="0.02 0 0.05"), pair("w", "base", 0),
         fixed("skid", (0.2, 0, -0.07), "<sphere radius='0.03'/>"),
-    )
+    )  # fmt: skip
     inertial = '<link name="w_r"><inertial><origin xyz="{}"'
     moved_mass = text.replace(inertial.format("0 0 0"), inertial.format("0.3 0.1 0"))
     for each in (text, moved_mass):

@@ -13,13 +13,11 @@ CART = """<robot name="cart"><link name="base"/><link name="slide"><inertial><ma
 <joint name="x" type="prismatic"><parent link="base"/><child link="slide"/><axis xyz="1 0 0"/>
 <limit lower="-2" upper="2" velocity="9" effort="99"/></joint></robot>"""
 SCENARIO = {
-    "robot": {"urdf": "cart.urdf", "base": "fixed"},
-    "actuators": ["x"],
-    "outputs": {"reducing": [{"joint": "x"}]},
+    "robot": {"urdf": "cart.urdf", "base": "fixed"}, "actuators": ["x"], "outputs": {"reducing": [{"joint": "x"}]},
     "reference": {"primary": {"minimum_jerk": {"to": [1.0], "duration": 2}}},
     "controller": {"type": "reducing_outputs", "tracker": "computed_torque"},
     "simulation": {"duration": 2.5, "dt": 0.01},
-}
+}  # fmt: skip
 
 
 def run_of(folder, changes):

@@ -81,10 +81,7 @@ def test_each_run_has_a_stream_of_its_own():
 
 
 test_wrong_distributions_are_refused = refused([
-    ([2, 1], "x: minimum 2 is greater than maximum 1"),
-    ({"log_uniform": [0, 1]}, "greater than 0, found 0"),
-    ({"nrmal": {"mean": 0}}, "did you mean 'normal'?"),
-    ("x", "expected a list or a mapping with one key of normal"),
-    ({"normal": {"mean": 0, "std": 0}}, "greater than 0"),
-    ({"choice": []}, "at least 1 item"),
+    ([2, 1], "x: minimum 2 is greater than maximum 1"), ({"log_uniform": [0, 1]}, "greater than 0, found 0"),
+    ({"nrmal": {"mean": 0}}, "did you mean 'normal'?"), ("x", "expected a list or a mapping with one key of normal"),
+    ({"normal": {"mean": 0, "std": 0}}, "greater than 0"), ({"choice": []}, "at least 1 item"),
 ], lambda settings: SeededDraws.of({"x": settings}), rnc.ConfigurationError)  # fmt: skip

@@ -14,20 +14,15 @@ from rnc_pin.control import OUTER_GAINS
 jsonschema = pytest.importorskip("jsonschema", reason="reads schemas; comes with the test extra")
 
 NEEDED = {
-    "redundancy": {},
-    "reducing_outputs": {},
-    "steering": {},
+    "redundancy": {}, "reducing_outputs": {}, "steering": {},
     "jacobian_transpose": {"active": ["joint_2", "joint_3"]},
     "two_phase": {"platform": {"position": ["base_x", "base_y"], "to": [0, 0, 0], "begin": 1}},
-    "state_feedback": {"state_cost": 1.0},
-    "plan_feedback": {},
+    "state_feedback": {"state_cost": 1.0}, "plan_feedback": {},
     "qp": {"tasks": [{"damping": {"weight": 0.1}}, {"output": {"output": {"frame_position": {"frame": "tip"}}}}]},
     "inverse_dynamics": {"tasks": [{"damping": {"weight": 0.1}}]},
     "set_point": {"goal": {"joint_1": 0.5}, "duration": 4.0},
-    "predictive": {"goal": {"joint_1": 0.5}, "horizon": 1.0},
-    "way": {"goal": {"joint_1": 0.5}},
-    "none": {},
-}
+    "predictive": {"goal": {"joint_1": 0.5}, "horizon": 1.0}, "way": {"goal": {"joint_1": 0.5}}, "none": {},
+}  # fmt: skip
 VALUES = {  # of every setting that some type has
     "preset": "scaled", "gains": "plan", "tracker": "computed_torque", "gravity_compensation": False,
     "adaptation": 3.0, "bandwidth": 20.0, "delay": 0.01, "dead_zone": [0.1, 0.0, 0.2],

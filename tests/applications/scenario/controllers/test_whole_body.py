@@ -60,9 +60,8 @@ def test_the_hand_follows_its_reference_within_the_limits(tmp_path):
 
 def test_limits_of_joints_by_name_and_of_norms_hold_in_a_file(tmp_path):
     given = {
-        "acceleration": {"limit": {"joint_1": 2.0, "joint_2": 4.0}},
-        "base_speed": {"frame": "base", "limit": 0.05},
-    }
+        "acceleration": {"limit": {"joint_1": 2.0, "joint_2": 4.0}}, "base_speed": {"frame": "base", "limit": 0.05},
+    }  # fmt: skip
     reach = yaml.safe_load(SCENARIO)["controller"]["tasks"]
     path = written(tmp_path, type="inverse_dynamics", tasks=reach, limits=given)
     raw = yaml.safe_load(Path(path).read_text())
@@ -94,13 +93,12 @@ def test_the_default_tracker_reaches_with_a_published_arm_at_100_hz(name, tmp_pa
     position = {"frame_position": {"frame": hand, "axes": "xyz"}}
     goal = {"output": position, "reference": {"minimum_jerk": {"by": by, "duration": 1.5}}, "weight": 100}
     raw = {
-        "robot": {"example": name, "lock": lock},
-        "actuators": list(joints),
+        "robot": {"example": name, "lock": lock}, "actuators": list(joints),
         "outputs": {"reducing": [{"joint": each} for each in joints], "vertical": [position]},
         "initial": {"q": start},
         "controller": {"type": "qp", "tasks": [{"output": goal}, {"damping": {"weight": 0.1}}]},
         "simulation": {"duration": 2.2, "dt": 0.01},
-    }
+    }  # fmt: skip
     ends = {}
     for kind in ("qp", "inverse_dynamics"):
         raw["controller"]["type"] = kind
@@ -118,13 +116,10 @@ def test_gravity_is_compensated_from_the_start_unless_the_file_says_otherwise(tm
     robot = rnc.Robot.from_example("ur5_robot")
     joints = robot.joint_names
     raw = {
-        "robot": {"example": "ur5_robot"},
-        "actuators": list(joints),
-        "outputs": {"reducing": [{"joint": each} for each in joints]},
-        "initial": {"q": REACHING["ur5_robot"][1]},
-        "controller": {"type": "reducing_outputs"},
-        "simulation": {"duration": 1, "dt": 0.01},
-    }
+        "robot": {"example": "ur5_robot"}, "actuators": list(joints),
+        "outputs": {"reducing": [{"joint": each} for each in joints]}, "initial": {"q": REACHING["ur5_robot"][1]},
+        "controller": {"type": "reducing_outputs"}, "simulation": {"duration": 1, "dt": 0.01},
+    }  # fmt: skip
     path = tmp_path / "ur5.yaml"
     path.write_text(yaml.safe_dump(raw))
     q0 = robot.configuration(raw["initial"]["q"])
@@ -144,9 +139,8 @@ def test_every_task_and_limit_is_built(tmp_path):
         {"posture": {"joints": {"joint_1": 0.1}}},
         {"base_pose": {"frame": "base", "gain": [1, 1, 2], "lateral_gain": 3, "priority": 2}},
         {"center_of_mass": {"axes": "xy", "reference": {"minimum_jerk": {"by": [0.1, 0.0], "duration": 1}}}},
-        {"damping": {}},
-        {"singularity": {"gain": 0.1, "priority": 3}},
-    ]
+        {"damping": {}}, {"singularity": {"gain": 0.1, "priority": 3}},
+    ]  # fmt: skip
     built = Scenario.load(written(tmp_path, tasks=items, limits={"joint_position": None})).experiment.controller
     described = built.describe()["target"]
     names = [each["type"] for each in described["tasks"]]
