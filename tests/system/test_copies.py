@@ -1,8 +1,4 @@
-"""Everything that a user makes can be copied, pickled and sent to another process, and says there the same to the bit.
-
-Each public name has an example in its docstring, which runs here: so a new kind of constraint, output, controller or
-plant joins these tests by its example.
-"""
+"""What the example of each public name makes can be copied and sent to another process, and says there the same."""
 
 import copy
 import doctest
@@ -95,7 +91,6 @@ def test_the_example_runs_and_its_objects_can_be_copied(name):
 
 
 def test_descriptions_cannot_be_changed():
-    """They can be kept and compared: a system does not change."""
     rooms = ("analysis", "constraints", "control", "model", "outputs", "motion.planning")
     rooms = tuple(f"rnc_pin.{name}" for name in rooms)
     described = [kind for kind in NAMED.values() if isinstance(kind, type) and is_dataclass(kind)]
@@ -119,7 +114,6 @@ def test_another_process_says_the_same():
 
 @pytest.mark.parametrize("name", ["space-robot-uncertain", "fire-truck"])
 def test_a_loop_goes_on_elsewhere_to_the_bit(name):
-    """With its controller, its state, and what the controller has learnt."""
     made = Scenario.load(name, {"comparisons": {}, "plots": {}}).experiment
     loop = rnc.ControlLoop(made.reduced, made.controller, 0.005, fallback="raise", max_speed=np.inf)
     v = np.zeros(made.reduced.n)
@@ -136,7 +130,6 @@ def shapes(robot):
 
 
 def test_robots_of_every_source_draw_themselves_elsewhere(tmp_path):
-    """Meshes are read again where they are asked for."""
     write(tmp_path / "m.obj", TETRAHEDRON)
     mesh, hinge = '<mesh filename="m.obj"/>', joint("j", "a", "b", (0, 0, 0))
     write(
@@ -163,7 +156,6 @@ def test_robots_of_every_source_draw_themselves_elsewhere(tmp_path):
 
 
 def test_runs_and_errors_go_over():
-    """A pool hands errors back as pickles: what they carry comes along."""
     robot = rnc.Robot.from_urdf("space_robot.urdf", gravity=(0, -9.81, 0))
     reduced = rnc.NonholonomicSystem(robot).reduce()
     fast = rnc.SimulationOptions(rnc.Stop(speed=2.0))

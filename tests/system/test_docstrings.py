@@ -25,10 +25,7 @@ METHODS = {
 
 
 def parameters(thing) -> list[inspect.Parameter]:
-    """Those of a call; none where an error or an enumeration takes what Python's own does, or a protocol is not called.
-
-    The keys of ``**options: Unpack[...]`` are parameters: type checkers know them, and no other is taken.
-    """
+    """Those of a call, with keys of ``Unpack[...]``; none where Python gives them, or a protocol is not called."""
     if isinstance(thing, type) and issubclass(thing, Exception | Enum) and "__init__" not in vars(thing):
         return []
     if getattr(thing, "_is_protocol", False):

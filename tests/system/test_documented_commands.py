@@ -1,8 +1,4 @@
-"""Commands that pages tell people to type: each is understood, and each of rnc-pin runs, or a table says why not.
-
-A new command of rnc-pin in a page needs no entry here. An entry is needed for a new placeholder (``PLACEHOLDERS``) and
-for a command that no test runs (``NOT_HERE``).
-"""
+"""Commands of pages are understood and run, or have an entry in ``PLACEHOLDERS`` or ``NOT_HERE``."""
 
 import re
 import shlex

@@ -55,7 +55,6 @@ def test_python_blocks_run(page, half_a_second, tmp_path, monkeypatch):
 
 
 def test_every_python_block_is_found():
-    """Those with other fences or indentation would not run."""
     fence = re.compile(r"(?:`{3,}|~{3,}|:{3,})\s*\{?(?:code.*)?python")
     for page in DOCUMENTS:
         assert len(BLOCK.findall(page.read_text())) == len(fence.findall(page.read_text())), page

@@ -1,9 +1,5 @@
 # ruff: noqa: E501
-"""Broken files for every reader: whatever they say, the answer is a value or an ``RncError`` in one line, and soon.
-
-Files that are read (URDF, xacro, MJCF, scenarios, runs) are changed at random: bits, pieces left out, doubled or
-swapped, numbers that leave no room, and words of the formats in wrong places. The seed of each is its number.
-"""
+"""Files of every reader, changed at random: the answer is a value or an ``RncError`` in one line, and soon."""
 
 import multiprocessing
 import random

@@ -1,8 +1,4 @@
-"""Whatever a system is made of: Lemma 1 and the equations of motion hold, or an error says why there is none.
-
-``pytest tests/system/test_properties.py -m long -s`` tries 2,000 of them and prints the worst figures, as
-docs/reliability.md has them; without ``-m long`` it is 80.
-"""
+"""Lemma 1 and the equations of motion hold for drawn systems, or an error says why; ``-m long -s`` tries 2,000."""
 
 from collections import Counter
 from dataclasses import dataclass, field
@@ -50,10 +46,7 @@ class Tally:
 
 
 def kkt_residual(reduced, q, v2, T):
-    """Accelerations against those of ``M a + A^T l = f`` that keep to the rows, relative to size.
-
-    Momenta have no reaction: that they are conserved has to follow.
-    """
+    """Accelerations against those of ``M a + A^T l = f`` that keep to the rows; momenta, without reaction, follow."""
     t, full = reduced.terms(q, v2), reduced.lagrangian_terms(q, v2)
     state, v2_dot = reduced.at(q, v2), reduced.forward_dynamics(q, v2, T)
     v_dot = state.v_dot(v2_dot)

@@ -1,8 +1,4 @@
-"""Constraints of constant rank give regular motion, whatever the outputs and the order of the rows.
-
-A roller racer folds through a configuration where its reducing outputs are dependent; a car with Ackermann steering
-drives through straight, where the rows of two wheels coincide.
-"""
+"""Constraints of constant rank give regular motion, whatever the outputs and the order of the rows."""
 
 from functools import cache
 from itertools import permutations
@@ -91,7 +87,6 @@ def racer_from_bodies(z):
 @pytest.mark.parametrize("outputs", [[rnc.FrameSpeed("rear"), rnc.JointPosition("pivot")], None])
 @pytest.mark.parametrize("w", [-0.7, 0.4])
 def test_a_racer_folds_through_dependent_outputs(outputs, w):
-    """The reference has a sample exactly at the fold."""
     exact = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-13}
     start = solve_ivp(racer_rate, (0.0, -0.5), folded(w=w), **exact).y[:, -1]
     z = solve_ivp(racer_rate, (0.0, 1.0), start, t_eval=TIMES, **exact).y.T

@@ -48,7 +48,6 @@ def outputs(folder):
 
 
 def test_the_notebook_reaches_its_goal_and_shows_it(tmp_path):
-    """The motion is inline, in a frame of its own, and so is the plot."""
     found = outputs(tmp_path)
     printed = "".join(output.get("text", "") for output in found if output.output_type == "stream")
     assert "12 degrees of freedom, 6 left by 6 constraints" in printed

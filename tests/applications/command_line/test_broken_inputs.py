@@ -1,9 +1,4 @@
-"""Broken files and arguments through the command line: one line on stderr, status 2, nothing written.
-
-Here are the files themselves, what a robot's description leaves out, other formats than URDF, and mistakes that only
-show where parts of a scenario meet. Elsewhere: keys of scenarios (``applications/scenario/test_files.py``), elements of
-a URDF (``robots/test_robot.py``), wrong usage (``test_cli.py``).
-"""
+"""Broken files and arguments through the command line: one line on stderr, status 2, nothing written."""
 
 import re
 import subprocess
@@ -314,7 +309,6 @@ def test_what_is_broken_is_refused_in_one_line(arguments, files, words, call, tm
 
 
 def test_a_wheel_about_the_wrong_axle_lies_flat(call, tmp_path, monkeypatch):
-    """Its rows are nearly dependent besides, which is said before."""
     monkeypatch.chdir(tmp_path)
     files = scenario({"constraints.0": {"rolling_wheel": {"frame": "wheel_left", "radius": 0.1, "axis": "z"}}})
     write(tmp_path, {"mine.yaml": files[1], "robot.urdf": GOOD})
@@ -334,7 +328,6 @@ def test_a_file_that_fails_while_it_is_read_is_refused(name, call, tmp_path, mon
 
 
 def test_what_the_cases_break_is_whole(call, tmp_path, monkeypatch):
-    """Each case changes one thing in something that runs."""
     monkeypatch.chdir(tmp_path)
     write(tmp_path, {"robot.urdf": GOOD, "robot.xml": mjcf(), "robot.urdf.xacro": xacro(radius="${0.05 * 2}")})
     for _, content in (scenario(), on_mjcf(), on_xacro(), scenario(of=SPACE_ROBOT)):

@@ -195,7 +195,6 @@ def told(page):
 
 
 def test_inspect_answers_every_question_on_one_page(call):
-    """Space robot: what is constrained and how, what is driven, which class, where it is singular."""
     inspect = ("inspect", "space-robot", "--samples", 16)
     status, out, _ = call(*inspect)
     assert status == 0
@@ -367,7 +366,6 @@ def test_a_sweep_has_the_same_results_on_any_number_of_processes(call, no_pictur
 
 
 def test_a_sweep_accepts_kinds_of_findings(call, no_pictures, tmp_path):
-    """A stuck joint keeps the arm from its goal in one of two runs."""
     stuck = ["--set", "faults.stuck={joint: joint_1, time: 0.1}", "--set", "simulation.duration=1"]
     short = ["sweep", "space-robot", *stuck, "--runs", "2", "--jobs", "1", "--json"]
     for more, status, verdict in (([], 1, "goal"), (["--set", "accept=[goal]"], 0, "degraded")):

@@ -85,7 +85,6 @@ SLOW = {
 
 
 def test_a_user_drives_from_a_real_browser(browser, served):
-    """Keys, a click on the ground, a slider, a limit, and the end of the run."""
     drive_, queue, page_ = served
     with in_real_time(drive_, queue, page_) as results:
         page, problems = visit(browser, page_.url)

@@ -4,7 +4,6 @@ from urdf_parts import BOX, link, pivot, robot, wheel
 
 
 def test_a_question_is_said_with_the_option_that_answers_it(brief, call, tmp_path, monkeypatch):
-    """Nothing tells whether the fixed or the steered wheel of a truck has the motor."""
     monkeypatch.chdir(tmp_path)
     parts = [link("base", 50.0, BOX), wheel("a", "base", (0.5, 0.3, 0)), wheel("b", "base", (0.5, -0.3, 0))]
     parts += [pivot("turn", "base", (-0.5, 0, 0)), wheel("c", "turn", (0, 0, 0))]

@@ -233,7 +233,6 @@ def rows(out):
 
 @pytest.mark.parametrize("end", [signal.SIGTERM, pytest.param(signal.SIGKILL, marks=pytest.mark.long)], ids=str)
 def test_a_sweep_that_is_ended_keeps_its_runs_and_its_workers_end(end, tmp_path):
-    """The same command then computes the others, and no run again."""
     out = tmp_path / "out"
     command = ["sweep", "space-robot", "--set", "simulation.duration=0.2", "--jobs", 2, "--out", out, "--runs"]
     with started(*command, 2000) as process:

@@ -120,7 +120,6 @@ def test_left_and_right_bend_the_path_to_their_sides(rake, side, tmp_path):
 
 
 def test_a_single_pivot_that_turns_round_is_aimed_and_the_base_turns_on_the_spot(tmp_path, brief):
-    """By hand it would turn on and on, also to where its wheel rolls across the base's path."""
     run = prepared(drafted_file(tricycle(True), tmp_path), pressed(0.0, 1.0, 150), simulation__dt=DT)
     trajectory = drive(run, samples=150).trajectory
     assert trajectory.verdict.succeeded, trajectory.verdict

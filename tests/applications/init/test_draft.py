@@ -34,7 +34,6 @@ def drafted(source, folder, **options):
 
 
 def test_a_draft_names_no_folder_of_the_computer(tmp_path):
-    """People commit drafts: a file beside it is named relative to it, and nothing else by a path."""
     (tmp_path / "robots").mkdir()
     (tmp_path / "mine").mkdir()
     robot = tmp_path / "robots" / "car.urdf"
@@ -105,7 +104,6 @@ def cart(*parts):
 
 
 def test_the_radius_of_a_mesh(tmp_path):
-    """A wheel that is a mesh: sixteen corners on a circle about its own y axis."""
     angles = np.linspace(0, 2 * np.pi, 16, endpoint=False)
     corners = [(0.123 * np.cos(a), y, 0.123 * np.sin(a)) for a in angles for y in (-0.02, 0.02)]
     faces = [(i, (i + 2) % 32, i + 1 if i % 2 == 0 else (i + 1) % 32) for i in range(32)]

@@ -58,7 +58,6 @@ def test_what_is_locked_beside_a_joint_without_a_range(parts, options, lock, mov
 
 
 def test_a_file_in_which_no_joint_has_a_range_states_none(tmp_path):
-    """As the double pendulum of example-robot-data."""
     text = draft("double_pendulum", tmp_path)
     assert yaml.safe_load(text)["task"]["primary"] == ["joint1", "joint2"]
     assert "the file states no limits: lower and upper are equal for every joint" in " ".join(text.split("\n# "))

@@ -127,15 +127,7 @@ BEAM = '<geom type="capsule" fromto="0 0 0 {}" size="0.01"/>'
 
 
 def four_bar(angle, motor, lengths=(0.1, 0.3, 0.2, 0.3), sense=1, rocker=""):
-    """A crank, a coupler and a rocker in the plane x, z.
-
-    Args:
-        angle: angle of the crank in the file [rad], where its joints are at zero.
-        motor: joint with a motor.
-        lengths: crank, coupler, rocker, and distance of the two bearings [m].
-        sense: -1 to turn the axes of crank and rocker.
-        rocker: more attributes of the rocker's joint.
-    """
+    """A crank, a coupler and a rocker in the plane x, z, with zero where the crank has an angle [rad]; lengths [m]."""
     crank, coupler, arm, apart = lengths
     tip = crank * np.array([np.cos(angle), np.sin(angle)])
     diagonal = np.array([apart, 0.0]) - tip

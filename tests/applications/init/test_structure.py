@@ -625,7 +625,6 @@ def test_a_gear_that_is_not_quite_on_the_axle_lifts_no_car(drafted):
 
 @pytest.mark.parametrize("reverse", [False, True])
 def test_steered_wheels_turn_about_the_fixed_axle_that_does_not_skid(reverse, drafted):
-    """A truck with two steered axles and three fixed ones: the middle one of these."""
     parts = []
     for k, x in enumerate((1.5, 1.0)):
         for side, y in (("l", 0.4), ("r", -0.4)):
@@ -642,7 +641,6 @@ def test_steered_wheels_turn_about_the_fixed_axle_that_does_not_skid(reverse, dr
 
 
 def test_one_body_on_fixed_wheels_stays_on_the_ground(drafted):
-    """With a planar-move plugin it moves in any direction."""
     parts = [link("base", 10.0, BOX)]
     for k, (x, y) in enumerate(((0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2))):
         parts += [link(f"w{k}", 0.5, '<cylinder radius="0.1" length="0.04"/>', turn="1.570796326794897 0 0")]

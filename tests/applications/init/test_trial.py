@@ -65,13 +65,7 @@ def test_what_remains_of_an_error_is_said(tmp_path, monkeypatch):
 
 
 def car(toe=0.0, rear=100.0, steering=10.0, rear_right=None):
-    """A car with rear drive and two steered wheels.
-
-    Args:
-        toe: angle of each front wheel towards the middle [rad].
-        rear, steering: efforts of the rear wheels and of the steering joints [N m].
-        rear_right: effort of the right rear wheel; that of ``rear`` by default [N m].
-    """
+    """A car with rear drive and two steered wheels: toe-in of these [rad], and efforts of its motors [N m]."""
     parts = [link("base", 20, '<box size="0.9 0.3 0.1"/>')]
     for side, sign in (("left", 1), ("right", -1)):
         effort = rear if rear_right is None or side == "left" else rear_right

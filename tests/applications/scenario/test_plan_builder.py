@@ -186,7 +186,6 @@ simulation: {duration: 2, dt: 0.01}
 
 @pytest.mark.parametrize("kind", ["optimal", "global"])
 def test_a_plan_keeps_links_from_each_other_as_the_verdict_checks_them(tmp_path, kind):
-    """Asked for a clearance from a ball, the tool once went through its rail: plan "succeeded", run failed."""
     (tmp_path / "telescope.urdf").write_text(telescope(3.0))
     path = written(tmp_path, TELESCOPE, planner={"type": kind})
     with pytest.raises(rnc.InfeasibleError, match=r"rail (and|/) tool|distance \(nearest\)"):

@@ -77,7 +77,6 @@ def test_a_robot_and_a_table_beside_the_file_are_found_from_elsewhere(tmp_path):
 
 
 def test_a_gain_of_the_run_is_none_of_a_comparison_with_another_controller():
-    """An option of the command line was refused by the comparison, whose type of controller has no such gain."""
     scenario = rnc.Scenario.load("space-robot", {"controller.k3": 5.0, "plots": {}}).build()
     assert scenario.controller.target.describe()["k3"] == 5.0
     ((name, compared),) = scenario.comparisons.items()

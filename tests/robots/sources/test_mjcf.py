@@ -95,7 +95,6 @@ def test_pictures_that_are_made_are_nobodys_business(asset, tmp_path, capfd):
 
 
 def test_files_of_folders_that_are_named_are_read(folder):
-    """Descriptions often have their meshes beside their folder and not in it."""
     asset = (
         '<compiler meshdir=".."/><asset><mesh name="m" file="elsewhere.obj"/></asset><include file="../elsewhere.xml"/>'
     )
@@ -254,7 +253,6 @@ def test_what_is_no_one_machine_is_refused(world, base, words, tmp_path):
 
 
 def test_a_mesh_without_mass_is_read_when_it_is_drawn(folder):
-    """Meshes are slow to read, and a run without pictures needs none."""
     asset = '<compiler meshdir="parts"/><asset><mesh name="wedge" file="wedge.obj"/></asset>'
     body = '<body><joint/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/><geom type="mesh" mesh="wedge"/></body>'
     robot = rnc.Robot.from_mjcf(written(folder, f"<mujoco>{asset}<worldbody>{body}</worldbody></mujoco>"))

@@ -85,7 +85,6 @@ def test_refusals_name_the_key(tmp_path, changes, message):
 
 @pytest.mark.parametrize("controller", [PLANNED, PREDICTIVE])
 def test_a_goal_that_touches_an_obstacle_is_refused_before_any_search(tmp_path, controller):
-    """Searches in vain once took 34 s of a run of 6 s."""
     post = {"cylinder": {"name": "post", "radius": 0.1, "length": 1.0, "position": [0.0, 0.0, 0.0]}}
     with pytest.raises(rnc.InfeasibleError, match="goal: the distance of sleigh and post is"):
         _ = scenario(tmp_path, controller, obstacles=[post]).experiment
