@@ -20,7 +20,6 @@ MOTION = 1e-8  # positions and velocities after seconds of free motion, against 
 L1, L2 = 1.0, 0.4  # rear axle to pivot, pivot to front axle [m]
 C1, C2 = 0.3, 0.15  # centres of mass, ahead of the rear axle and of the pivot [m]
 M1, M2, I1, I2 = 3.0, 1.2, 0.5, 0.08  # masses [kg] and yaw inertias about the centres of mass [kg m^2]
-MASSES = np.array([M1, M1, I1, M2, M2, I2])
 FOLDED = np.arccos(-L2 / L1)  # of the pivot [rad]
 TIMES = np.linspace(0.0, 1.0, 21)  # [s]; folded at the middle
 EDGES = ("no_side_slip(rear.y)", "no_side_slip(front.y)")
@@ -57,7 +56,7 @@ def racer_rate(t, z):
     rows[2, :2], rows[2, 2], bias_acceleration[2] = across, -C1, -w * along @ zdot[:2]
     rows[3, 3:5], rows[3, 5] = front_across, L2 - C2
     bias_acceleration[3] = -front_w * front_along @ zdot[3:5]
-    compliance = rows / MASSES
+    compliance = rows / np.array([M1, M1, I1, M2, M2, I2])
     return np.concatenate([zdot, compliance.T @ np.linalg.solve(compliance @ rows.T, -bias_acceleration)])
 
 
@@ -117,7 +116,6 @@ def test_a_measurement_in_dependent_outputs_is_refused():
 
 
 # Straight, straight but for so little that rows are nearly dependent, and turning both ways, once very sharply.
-CURVATURES = [0.0, 1e-12, -1e-9, 3e-8, 1e-6, -1e-3, 0.2, -0.45, 1.1]
 
 
 def car(order):
@@ -143,7 +141,7 @@ def test_a_car_moves_as_all_rows_say_in_every_order(order):
     reduced = system.reduce([rnc.FrameSpeed("base"), rnc.JointPosition("left_steer")])
     robot, kinematics = system.robot, Kinematics(system.robot)
     data, states, expected = robot.model.createData(), [], []
-    for curvature in CURVATURES:
+    for curvature in [0.0, 1e-12, -1e-9, 3e-8, 1e-6, -1e-3, 0.2, -0.45, 1.1]:
         q, v2, T = steered(robot, curvature), generator.uniform(-2, 2, 2), generator.uniform(-20, 20, 3)
         terms = reduced.terms(q, v2)
         v = terms.v

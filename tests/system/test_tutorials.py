@@ -37,11 +37,8 @@ def test_a_block_prints_what_its_page_says(tmp_path):
         tutorials.follow(page, tmp_path, print)
 
 
-TOUR = ROOT / "examples" / "tour.ipynb"
-
-
 def outputs(folder):
-    notebook = nbformat.read(TOUR, as_version=4)
+    notebook = nbformat.read(ROOT / "examples" / "tour.ipynb", as_version=4)
     assert all(not cell.get("outputs") for cell in notebook.cells), "the notebook is kept without outputs"
     NotebookClient(notebook, timeout=1200, resources={"metadata": {"path": folder}}).execute()
     return [output for cell in notebook.cells for output in cell.get("outputs", [])]

@@ -32,13 +32,11 @@ from rnc_pin.visualization.recording import Recording
 from rnc_pin.visualization.scene_bodies import draw_robot
 from terminal import UNDRAWN
 
-SHORT = {"simulation.duration": 2.0, "simulation.dt": 0.01, "comparisons": {}}
-
 
 @pytest.fixture(scope="module")
 def prepared():
     """Two seconds of the paper's figure 4."""
-    return Scenario.load("space-robot", SHORT).build()
+    return Scenario.load("space-robot", {"simulation.duration": 2.0, "simulation.dt": 0.01, "comparisons": {}}).build()
 
 
 @pytest.fixture(scope="module")

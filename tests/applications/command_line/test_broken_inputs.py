@@ -16,6 +16,7 @@ from rnc_pin.applications.command_line.report import print_summary
 from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
 from simple_controllers import silent
 from terminal import results
+from urdf_parts import XACRO
 
 QUICK = {"comparisons": {}, "simulation.duration": 0.1, "sweep": {}}
 SPACE_ROBOT = with_options(read_yaml(find_scenario("space-robot")), QUICK)
@@ -31,7 +32,6 @@ CART = {  # a cart on two wheels, whose file is written by the case
     "controller": {"type": "reducing_outputs", "tracker": "computed_torque"},
     "simulation": {"duration": 0.1},
 }
-XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
 
 
 def inertial(mass=1, moments=(1, 1, 1), more=""):

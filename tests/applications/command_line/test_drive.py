@@ -16,15 +16,13 @@ from rnc_pin.applications.drive.page import DrivePage
 from rnc_pin.applications.drive.run import CommandQueue, RealTimeClock
 from rnc_pin.applications.scenario.pictures import Drawn
 
-NO_PICTURES = "rnc_pin.applications.command_line.report.draw_pictures"
-DT = {"simulation__dt": 0.02}
 QUICK = ["--no-browser", "--set", "simulation.dt=0.02"]
 
 
 @pytest.fixture
 def served(request):
     """A driven run, the queue of its page, and the page; a parameter is the title."""
-    run = prepared("mobile-manipulator", controller=SLOW, **DT)
+    run = prepared("mobile-manipulator", controller=SLOW, simulation__dt=0.02)
     queue, before = CommandQueue(run.controls), listening()
     page = DrivePage(run, queue, getattr(request, "param", "Drive"), open_browser=False)
     assert {address for address, _ in listening() - before} == {"0100007F"}
@@ -51,7 +49,7 @@ def test_ctrl_c_keeps_the_folder(call, tmp_path, monkeypatch):
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(RealTimeClock, "wait", interrupted)
-    monkeypatch.setattr(NO_PICTURES, lambda *_: Drawn())
+    monkeypatch.setattr("rnc_pin.applications.command_line.report.draw_pictures", lambda *_: Drawn())
     status, _, said = call("drive", "mobile-manipulator", *QUICK, "--out", "kept")
     assert status == 1
     assert re.search(r"error: interrupted at t = [\d.]+ s; results so far are in kept", said)

@@ -23,7 +23,6 @@ from systems import sleigh
 from terminal import UNDRAWN
 
 RUN = ["run", "space-robot", "--set", "comparisons={}", "--set", "plots={}"]
-LONG = ["--set", "simulation.duration=100"]
 
 
 def pushing(then, until=0.1):
@@ -150,7 +149,7 @@ def started(*arguments, **options):
 def test_a_run_that_is_asked_to_end_keeps_its_results(tmp_path):
     """By Ctrl-C, and by an impatient user; SIGTERM ends the sweep below by the same handler."""
     out = tmp_path / "out"
-    command = [sys.executable, "-m", "rnc_pin", *RUN, *LONG, "--out", str(out)]
+    command = [sys.executable, "-m", "rnc_pin", *RUN, "--set", "simulation.duration=100", "--out", str(out)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert any("simulating" in line for line in process.stdout)
         begun = processor_time(process.pid)

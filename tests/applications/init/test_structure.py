@@ -188,10 +188,9 @@ def bogies():
         parts.append(wheel(f"w_m{side}", bogie, (0.2, 0, -0.2)))
         for end, carrier, x in ((f"f{side}", rocker, 0.4), (f"b{side}", bogie, -0.2)):
             parts += [pivot(f"s_{end}", carrier, (x, 0, -0.2)), wheel(f"w_{end}", f"s_{end}", (0, 0, 0))]
-    return robot(*parts, transmissions(*BOGIE_WHEELS, *(f"s_{end}_joint" for end in CORNERS)))
+    return robot(*parts, transmissions(*BOGIE_WHEELS, *(f"s_{end}_joint" for end in ("fl", "fr", "bl", "br"))))
 
 
-CORNERS = ("fl", "fr", "bl", "br")
 BOGIE_WHEELS = [f"w_{end}{side}_joint" for side in "lr" for end in "mfb"]
 
 
@@ -341,9 +340,6 @@ def test_all_steered_axles_turn_about_one_point(shuffled, drafted, tmp_path):
     np.testing.assert_allclose(centers, centers[0], rtol=1e-6)
 
 
-UPRIGHT = "1.570796326794897 0 0"
-
-
 def fixed(name, at, shape="", mass=0.1, parent="base"):
     return link(name, mass, shape) + joint(f"{name}_mount", parent, name, at, kind="fixed", effort=None)
 
@@ -353,7 +349,7 @@ def cart(*more, limits=None, names=("l", "r"), name="unit_7"):
     parts = [link("base", 10.0, BOX, at="0.02 0 0.05"), fixed("skid", (0.2, 0, -0.07), '<sphere radius="0.03"/>')]
     for each, y in zip(names, (0.2, -0.2), strict=True):
         turns = "continuous" if limits is None else "revolute"
-        parts.append(link(each, 0.5, '<cylinder radius="0.1" length="0.04"/>', turn=UPRIGHT))
+        parts.append(link(each, 0.5, '<cylinder radius="0.1" length="0.04"/>', turn="1.570796326794897 0 0"))
         parts.append(joint(f"{each}_joint", "base", each, (0, y, 0), kind=turns, limits=limits))
     return robot(*parts, *more, name=name)
 

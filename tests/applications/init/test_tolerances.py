@@ -17,7 +17,6 @@ from rnc_pin.robots.robot_files import example_urdfs, find_urdf, shipped_directo
 from urdf_parts import write
 
 SHIPPED = sorted({path.name for path in shipped_directory().glob("*.urdf")})
-STRANGE = sorted(path.name for path in DIRT.glob("*.urdf"))
 SOME = ("double_pendulum", "iris")
 ZOO = [pytest.param(name, marks=pytest.mark.long) for name in sorted({*example_urdfs()} - {*SOME})]
 pytestmark = pytest.mark.filterwarnings("ignore::rnc_pin.ModelWarning")
@@ -71,7 +70,7 @@ def assert_same_with_noise(path, folder, base=None):
     assert leaves(found) == {key: near(leaf) for key, leaf in leaves(exact).items()}
 
 
-@pytest.mark.parametrize("name", [*SHIPPED, *STRANGE, *SOME, *ZOO])
+@pytest.mark.parametrize("name", [*SHIPPED, *sorted(path.name for path in DIRT.glob("*.urdf")), *SOME, *ZOO])
 def test_noise_changes_no_draft(name, tmp_path):
     strange = DIRT / name
     path = strange if strange.exists() else example_urdfs().get(name) or find_urdf(name, tmp_path)

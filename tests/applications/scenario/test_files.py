@@ -15,7 +15,6 @@ from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.sweep.runs import draws_of
 from urdf_parts import write
 
-SPACE_ROBOT_DURATION = read_yaml(find_scenario("space-robot"))["simulation"]["duration"]
 # Comparisons would build everything twice; a roll-out of one second is enough for gains.
 QUICK = {"comparisons": {}, "simulation.duration": 1.0, "sweep": {}}
 SPACE_ROBOT = with_options(read_yaml(find_scenario("space-robot")), QUICK)
@@ -249,7 +248,7 @@ def presets_and_variants(folder, **more):
 def test_a_preset_brings_what_goes_with_it_a_variant_its_preset_and_options_count_more(tmp_path):
     path = presets_and_variants(tmp_path)
     usual = Scenario.load(path).build()
-    assert (usual.duration, usual.dt) == (SPACE_ROBOT_DURATION, 0.002)
+    assert (usual.duration, usual.dt) == (read_yaml(find_scenario("space-robot"))["simulation"]["duration"], 0.002)
     for options in ({"controller.preset": "paper"}, {"variant": "slow"}):
         slow = Scenario.load(path, options).build()
         assert (slow.duration, slow.dt) == (3.0, 0.004)

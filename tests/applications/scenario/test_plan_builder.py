@@ -36,7 +36,9 @@ def written(folder, text=SCENARIO, **changes):
     raw = yaml.safe_load(text)
     for key, value in changes.items():
         raw[key] = {**raw.get(key, {}), **value} if isinstance(value, dict) else value
-    return str(write(folder / "plan.yaml", yaml.safe_dump(raw)))
+    path = folder / "plan.yaml"
+    path.write_text(yaml.safe_dump(raw))
+    return str(path)
 
 
 def test_a_run_plans_and_tracks_its_plan(tmp_path):

@@ -15,7 +15,6 @@ from processes import alive
 from terminal import results
 
 pytest.importorskip("distributed", reason="Dask is an extra: pip install '.[dask]'")
-QUICK = {"simulation.duration": 0.1}
 RUNS = 60
 
 
@@ -66,7 +65,7 @@ def test_a_cluster_has_the_rows_of_one_process_although_a_worker_is_killed(clust
             workers[0].wait()
             killed.append(done)
 
-    arguments = {"options": QUICK}
+    arguments = {"options": {"simulation.duration": 0.1}}
     there = rnc.sweep("space-robot", RUNS, jobs=address, progress=progress, out=tmp_path / "there", **arguments)
     assert killed
     assert killed[0] < RUNS

@@ -13,7 +13,6 @@ G = 9.81
 
 
 CORNERS = {f"c{k}": [(k & 1) * 0.2 - 0.1, (k >> 1 & 1) * 0.3 - 0.15, (k >> 2) * 0.1 - 0.05] for k in range(8)}
-BOX = free_body(1.0, [0.0084, 0.0042, 0.0109], **CORNERS)
 
 
 @pytest.fixture(scope="module")
@@ -242,7 +241,7 @@ def test_hoop_that_would_have_to_slip_before_it_lifts_off():
 
 
 def test_a_box_without_slip_comes_to_rest_on_four_corners():
-    system = rnc.NonholonomicSystem(BOX)
+    system = rnc.NonholonomicSystem(free_body(1.0, [0.0084, 0.0042, 0.0109], **CORNERS))
     contacts = [rnc.UnilateralContact(rnc.RollingBall(name, 0.01), restitution=0.5) for name in CORNERS]
     plant, reduced = rnc.ContactPlant(system, contacts), system.reduce()
     tilted = pin.Quaternion(pin.rpy.rpyToMatrix(0.3, 0.2, 0.0)).coeffs()

@@ -456,10 +456,7 @@ def test_a_number_that_leaves_no_room_is_refused(value, call):
     assert "Traceback" not in complaint
 
 
-NAMES = [r"$\frac$", "[/nope]", "x" * 300]
-
-
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [r"$\frac$", "[/nope]", "x" * 300])
 def test_names_are_printed_and_drawn_as_they_are(name, tmp_path, capsys):
     text = (shipped_directory() / "space_robot.urdf").read_text().replace('"joint_1"', f'"{name}"')
     robot = rnc.Robot.from_urdf(write(tmp_path / "r.urdf", text))

@@ -21,8 +21,6 @@ from rnc_pin.robots.sources.xacro_definitions import read_macro
 from rnc_pin.robots.sources.xacro_expressions import admit, builtins, evaluate
 from urdf_parts import XACRO
 
-HERE = ROOT / "tests"
-
 
 def by_the_library(path, arguments, packages):
     """Expansion by the reference implementation, or None if it fails."""
@@ -63,7 +61,7 @@ def agree(path, arguments=()):
 
 
 def test_files_of_the_tests_expand_as_by_the_library():
-    files = sorted((HERE / "data").rglob("*.xacro"))
+    files = sorted((ROOT / "tests" / "data").rglob("*.xacro"))
     assert files
     # The library leaves a macro without its prefix alone, and urdfdom ignores it.
     assert [path.name for path in files if not agree(path)] == ["call_without_prefix.urdf.xacro"]

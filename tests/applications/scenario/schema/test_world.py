@@ -17,9 +17,8 @@ from rnc_pin.collision import CollisionDistances
 from rnc_pin.visualization.plots import draw_obstacles
 from rnc_pin.visualization.recording import Recording
 from rnc_pin.visualization.scene_bodies import corners_over_time, outline, surface_points
-from urdf_parts import write
+from urdf_parts import TETRAHEDRON, write
 
-TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 SCENARIO = """
 robot: {example: panda, lock: {panda_finger_joint1: 0, panda_finger_joint2: 0}}
 actuators: [panda_joint1, panda_joint2, panda_joint3, panda_joint4, panda_joint5, panda_joint6, panda_joint7]
