@@ -16,7 +16,7 @@ from rnc_pin.applications.command_line.report import print_summary
 from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
 from simple_controllers import silent
 from terminal import results
-from urdf_parts import XACRO
+from urdf_parts import XACRO, write
 
 QUICK = {"comparisons": {}, "simulation.duration": 0.1, "sweep": {}}
 SPACE_ROBOT = with_options(read_yaml(find_scenario("space-robot")), QUICK)
@@ -294,24 +294,22 @@ def check_refusal(call, folder, arguments, words):
     assert sorted(folder.rglob("*")) == before
 
 
-def write(folder, files):
+def fill(folder, files):
     for name, content in files.items():
-        path = folder / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        write(folder / name, content)
 
 
 @pytest.mark.parametrize(("arguments", "files", "words"), CASES.values(), ids=CASES)
 def test_what_is_broken_is_refused_in_one_line(arguments, files, words, call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    write(tmp_path, files)
+    fill(tmp_path, files)
     check_refusal(call, tmp_path, arguments, words)
 
 
 def test_a_wheel_about_the_wrong_axle_lies_flat(call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     files = scenario({"constraints.0": {"rolling_wheel": {"frame": "wheel_left", "radius": 0.1, "axis": "z"}}})
-    write(tmp_path, {"mine.yaml": files[1], "robot.urdf": GOOD})
+    fill(tmp_path, {"mine.yaml": files[1], "robot.urdf": GOOD})
     status, _, error = call("run", "mine.yaml", "--out", "out")
     assert status == 2
     assert "a wheel lies flat on the ground" in error.splitlines()[-1]
@@ -321,7 +319,7 @@ def test_a_wheel_about_the_wrong_axle_lies_flat(call, tmp_path, monkeypatch):
 def test_a_file_that_fails_while_it_is_read_is_refused(name, call, tmp_path, monkeypatch):
     """As a disk or a network share does: /proc/self/mem opens, and cannot be read at its beginning."""
     monkeypatch.chdir(tmp_path)
-    write(tmp_path, {"mine.yaml": scenario()[1], "robot.urdf": GOOD})
+    fill(tmp_path, {"mine.yaml": scenario()[1], "robot.urdf": GOOD})
     (tmp_path / name).unlink()
     (tmp_path / name).symlink_to("/proc/self/mem")
     check_refusal(call, tmp_path, ["run", "mine.yaml", "--out", "out"], ["cannot be read"])
@@ -329,9 +327,9 @@ def test_a_file_that_fails_while_it_is_read_is_refused(name, call, tmp_path, mon
 
 def test_what_the_cases_break_is_whole(call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    write(tmp_path, {"robot.urdf": GOOD, "robot.xml": mjcf(), "robot.urdf.xacro": xacro(radius="${0.05 * 2}")})
+    fill(tmp_path, {"robot.urdf": GOOD, "robot.xml": mjcf(), "robot.urdf.xacro": xacro(radius="${0.05 * 2}")})
     for _, content in (scenario(), on_mjcf(), on_xacro(), scenario(of=SPACE_ROBOT)):
-        write(tmp_path, {"mine.yaml": content})
+        write(tmp_path / "mine.yaml", content)
         status, _, error = call("inspect", "mine.yaml", "--samples", 2)
         assert (status, error) == (0, "")
 
@@ -364,10 +362,8 @@ WRONG_ARGUMENTS = {
 def test_arguments_of_simulate_are_refused_before_anything_runs(what):
     changed, words = WRONG_ARGUMENTS[what]
     _, reduced, target = small()
-    tracker = rnc.control.VelocityTracker(target)
-    given = {
-        "reduced": reduced, "controller": tracker, "q0": reduced.robot.configuration(), "duration": 0.1, "dt": 0.01,
-    }  # fmt: skip
+    tracker, q0 = rnc.control.VelocityTracker(target), reduced.robot.configuration()
+    given = {"reduced": reduced, "controller": tracker, "q0": q0, "duration": 0.1, "dt": 0.01}
     with pytest.raises(rnc.RncError, match=words):
         rnc.simulate(**{**given, **changed})
 

@@ -24,6 +24,11 @@ def manipulator(commands=(), **options):
     return prepared("mobile-manipulator", commands, simulation__dt=DT, **options)
 
 
+def driven(run, samples, **options):
+    """(The driven run, its motion)."""
+    return run, drive(run, samples=samples, **options).trajectory
+
+
 def goal(x, y, z=0.48):
     return {"kind": "frame_goal", "frame": "tip", "position": [x, y, z]}
 
@@ -39,20 +44,18 @@ def test_a_frame_reaches_its_goal_and_the_record_has_it():
 
 
 def test_the_speed_of_a_frame_stays_at_its_setting():
-    run = manipulator([(0, {"kind": "gain", "gain": "frame speed", "value": 0.1}), (0, goal(3.0, 0.6))])
-    trajectory = drive(run, samples=150).trajectory
+    slow = {"kind": "gain", "gain": "frame speed", "value": 0.1}
+    run, trajectory = driven(manipulator([(0, slow), (0, goal(3.0, 0.6))]), 150)
     points = np.array([point_of(run, q, "tip")[:2] for q in trajectory.q])
     assert (np.linalg.norm(np.diff(points, axis=0), axis=1) / DT)[60:].max() == pytest.approx(0.1, rel=0.02)
 
 
 def test_the_base_drives_to_a_point():
     target = (-0.8, 0.5)
-    run = manipulator([(2, {"kind": "base_goal", "x": target[0], "y": target[1]})])
-    trajectory = drive(run, samples=600).trajectory
+    _, trajectory = driven(manipulator([(2, {"kind": "base_goal", "x": target[0], "y": target[1]})]), 600)
     np.testing.assert_allclose(trajectory.q[-1, :2], target, atol=0.04)
     assert np.abs(trajectory.v2[-1]).max() < 1e-2
-    # The arm keeps its posture meanwhile.
-    assert np.abs(trajectory.q[:, 4:] - trajectory.q[0, 4:]).max() < 0.02
+    assert np.abs(trajectory.q[:, 4:] - trajectory.q[0, 4:]).max() < 0.02  # the arm keeps its posture
 
 
 def test_a_steered_car_drives_to_a_point_and_keeps_its_wheel_angle_within_its_range():
@@ -112,24 +115,22 @@ def pressed(forward, turn, samples):
 @pytest.mark.parametrize("rake", [0.0, 0.3])
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_left_and_right_bend_the_path_to_their_sides(rake, side, tmp_path):
-    run = bending(tmp_path, rake, pressed(1.0, side, 200))
-    trajectory = drive(run, samples=200).trajectory
+    run, trajectory = driven(bending(tmp_path, rake, pressed(1.0, side, 200)), 200)
     headings = [pose_of(run, q)[2] for q in trajectory.q[150:]]  # at first, it folds
     assert (side * np.diff(headings)).min() > 0
     assert trajectory.v2[-1, 0] == pytest.approx(0.5, rel=0.05)  # the joint is at its limit
 
 
 def test_a_single_pivot_that_turns_round_is_aimed_and_the_base_turns_on_the_spot(tmp_path, brief):
-    run = prepared(drafted_file(tricycle(True), tmp_path), pressed(0.0, 1.0, 150), simulation__dt=DT)
-    trajectory = drive(run, samples=150).trajectory
+    file = drafted_file(tricycle(True), tmp_path)
+    run, trajectory = driven(prepared(file, pressed(0.0, 1.0, 150), simulation__dt=DT), 150)
     assert trajectory.verdict.succeeded, trajectory.verdict
     assert pose_of(run, trajectory.q[-1])[2] > 0.5
     assert abs(reduced_of(run).robot.joint_values(trajectory.q[-1])["turn_front_joint"]) == pytest.approx(np.pi / 2)
 
 
 def test_a_raked_fork_that_turns_does_not_drive_the_base(tmp_path):
-    run = bending(tmp_path, 0.3, pressed(0.0, 1.0, 150))
-    trajectory = drive(run, samples=150).trajectory
+    run, trajectory = driven(bending(tmp_path, 0.3, pressed(0.0, 1.0, 150)), 150)
     poses = np.array([pose_of(run, q) for q in trajectory.q])
     assert np.abs(trajectory.v2[:, 0]).max() < 1e-4
     assert np.abs(poses[-1, 2] - poses[0, 2]) < 0.1
@@ -151,21 +152,18 @@ def test_two_keys_and_joints_keep_the_efforts_of_a_draft_and_its_links_apart():
 
 @pytest.mark.parametrize("target", [(5.0, 3.0), (4.0, -0.5), (2.0, 0.0)])
 def test_an_articulated_vehicle_drives_to_a_point(target, tmp_path):
-    run = bending(tmp_path, 0.0, [(0, {"kind": "base_goal", "x": target[0], "y": target[1]})])
-    trajectory = drive(run, samples=900).trajectory
+    run, trajectory = driven(bending(tmp_path, 0.0, [(0, {"kind": "base_goal", "x": target[0], "y": target[1]})]), 900)
     np.testing.assert_allclose(pose_of(run, trajectory.q[-1])[:2], target, atol=0.03)
 
 
 def test_an_articulated_vehicle_that_stays_does_not_fold(tmp_path):
     commands = [(0, {"kind": "hold_base", "on": True}), (1, {"kind": "joint_goal", "joint": "bend", "position": 0.5})]
-    run = bending(tmp_path, 0.0, commands)
-    trajectory = drive(run, samples=100).trajectory
+    run, trajectory = driven(bending(tmp_path, 0.0, commands), 100)
     np.testing.assert_allclose(pose_of(run, trajectory.q[-1]), pose_of(run, trajectory.q[0]), atol=1e-3)
 
 
 def test_a_key_moves_the_base_until_half_a_second_after_the_last_command():
-    run = manipulator([(10, {"kind": "base_velocity", "forward": 1.0, "turn": 0.0})])
-    trajectory = drive(run, samples=150).trajectory
+    _, trajectory = driven(manipulator([(10, {"kind": "base_velocity", "forward": 1.0, "turn": 0.0})]), 150)
     speed = trajectory.v2[:, 0]
     assert speed[10] == pytest.approx(0.0, abs=1e-9)
     assert speed[34] == pytest.approx(0.5, rel=0.02)  # "base speed", before 0.2 s + 0.5 s
@@ -174,7 +172,7 @@ def test_a_key_moves_the_base_until_half_a_second_after_the_last_command():
 
 
 def test_stop_holds_the_configuration():
-    trajectory = drive(manipulator([(5, goal(4.0, 1.0)), (100, {"kind": "stop"})]), samples=250).trajectory
+    _, trajectory = driven(manipulator([(5, goal(4.0, 1.0)), (100, {"kind": "stop"})]), 250)
     assert np.abs(trajectory.v2[95]).max() > 0.1
     assert np.abs(trajectory.v2[-50:]).max() < 1e-3
     assert np.abs(trajectory.q[-1] - trajectory.q[-50]).max() < 1e-3
@@ -182,8 +180,8 @@ def test_stop_holds_the_configuration():
 
 def test_hold_base_keeps_the_base_and_the_unreachable_goal_is_reported():
     watcher = Watcher()
-    run = manipulator([(0, {"kind": "hold_base", "on": True}), (1, goal(4.0, 0.0))])
-    trajectory = drive(run, samples=400, watcher=watcher).trajectory
+    commands = [(0, {"kind": "hold_base", "on": True}), (1, goal(4.0, 0.0))]
+    run, trajectory = driven(manipulator(commands), 400, watcher=watcher)
     np.testing.assert_allclose(trajectory.q[:, :4], np.tile(trajectory.q[0, :4], (400, 1)), atol=1e-3)
     reach = np.linalg.norm(point_of(run, trajectory.q[-1], "tip")[:2] - [4.0, 0.0])
     assert watcher.statuses[0].distances == {}
@@ -197,8 +195,7 @@ def test_limits_of_the_file_hold_and_are_named():
     gains, goals = {"joint speed": 3.0, "posture gain": 5.0}, {"torso_lift_joint": 0.34, "arm_1_joint": 2.6}
     commands = [(0, {"kind": "gain", "gain": name, "value": value}) for name, value in gains.items()]
     commands += [(5, {"kind": "joint_goal", "joint": name, "position": place}) for name, place in goals.items()]
-    run = prepared("tiago", commands, simulation__dt=DT)
-    trajectory = drive(run, samples=150, watcher=watcher).trajectory
+    run, trajectory = driven(prepared("tiago", commands, simulation__dt=DT), 150, watcher=watcher)
     model = reduced_of(run).robot.model
     joint = model.joints[model.getJointId("torso_lift_joint")]
     speed, limit = np.abs(trajectory.v[:, joint.idx_v]), model.upperVelocityLimit[joint.idx_v]
@@ -235,10 +232,9 @@ def test_an_obstacle_that_moves_into_the_arm_is_avoided(tmp_path):
     """The distance is measured by coal on the recorded motion; a planar arm of three links at rest would be hit."""
     links = [LINK.format(k, "ground" if k == 1 else f"link_{k - 1}", 0.0 if k == 1 else 0.5) for k in (1, 2, 3)]
     (tmp_path / "arm.urdf").write_text(ARM.format("".join(links)))
-    (tmp_path / "arm.yaml").write_text(SCENARIO)
     watcher = Watcher()
-    run = prepared(str(tmp_path / "arm.yaml"), simulation__dt=DT)
-    trajectory = drive(run, samples=250, watcher=watcher).trajectory
+    file = str(write(tmp_path / "arm.yaml", SCENARIO))
+    run, trajectory = driven(prepared(file, simulation__dt=DT), 250, watcher=watcher)
     (obstacle,) = run.scenario.experiment.obstacles
     still = distance_to(run, np.tile(trajectory.q[0], (250, 1)), obstacle, trajectory.time)
     moved = distance_to(run, trajectory.q, obstacle, trajectory.time)

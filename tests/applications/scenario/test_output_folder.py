@@ -15,27 +15,31 @@ import pytest
 from patience import PATIENCE
 from refusals import refusal
 from rnc_pin.applications.scenario.output_folder import MANIFEST, OutputFolder
+from urdf_parts import write
 
 
 def contents(folder):
     """Every file under a folder and its content, without the manifest."""
-    return {
-        str(path.relative_to(folder)): path.read_text()
-        for path in sorted(folder.rglob("*"))
-        if path.is_file() and path.name != MANIFEST
-    }
+    files = (path for path in sorted(folder.rglob("*")) if path.is_file() and path.name != MANIFEST)
+    return {str(path.relative_to(folder)): path.read_text() for path in files}
 
 
 def run(folder, force=False, **files):
     """A run: writes files, then keeps them."""
-    write(folder, {name.replace("_", "."): text for name, text in files.items()}, force)
+    keep(folder, {name.replace("_", "."): text for name, text in files.items()}, force)
 
 
-def write(folder, files, force=False):
+def keep(folder, files, force=False):
     with OutputFolder(folder, force, list(files)) as out:
         for name, text in files.items():
             (out.fresh / name).write_text(text)
         out.keep()
+
+
+def mine(folder, *names):
+    """Files of the user, with their folders."""
+    for name in names:
+        write(folder / name, "mine")
 
 
 def digest(text):
@@ -49,7 +53,7 @@ def forge(folder, files):
 def test_a_new_folder_is_made_with_its_parents_and_a_manifest(tmp_path):
     place = tmp_path / "runs" / "first"
     files = {"a.png": "a", "summary.json": "b"}
-    write(place, files)
+    keep(place, files)
     manifest = json.loads((place / MANIFEST).read_text())
     assert (manifest["files"], contents(place)) == ({name: digest(text) for name, text in files.items()}, files)
     assert sorted(path.name for path in place.iterdir()) == [MANIFEST, "a.png", "summary.json"]
@@ -62,17 +66,14 @@ def test_only_results_are_kept_and_a_run_that_keeps_nothing_leaves_nothing(tmp_p
     with OutputFolder(tmp_path / "out") as folder:
         (folder.fresh / "a.png").write_text("a")
         (folder.fresh / "notes.txt").write_text("b")
-        (folder.fresh / "sub").mkdir()
-        (folder.fresh / "sub" / "summary.json").write_text("c")
+        write(folder.fresh / "sub/summary.json", "c")
         folder.keep()
     assert contents(tmp_path) == {"out/a.png": "a"}
 
 
 def test_a_second_run_removes_what_the_first_wrote_and_nothing_else(tmp_path):
     run(tmp_path, old_png="old", summary_json="old")
-    (tmp_path / "notes.txt").write_text("mine")
-    (tmp_path / "photos").mkdir()
-    (tmp_path / "photos" / "robot.txt").write_text("mine")
+    mine(tmp_path, "notes.txt", "photos/robot.txt")
     run(tmp_path, new_png="new")
     assert contents(tmp_path) == {"new.png": "new", "notes.txt": "mine", "photos/robot.txt": "mine"}
 
@@ -86,7 +87,7 @@ def test_the_next_run_removes_the_half_picture_of_a_killed_one(tmp_path):
 
 @pytest.mark.parametrize("before", [{}, {"summary.json": "old", "overview.png": "old"}], ids=["empty", "run"])
 def test_earlier_results_stay_until_the_new_ones_are_complete(before, tmp_path):
-    write(tmp_path, before)
+    keep(tmp_path, before)
     with OutputFolder(tmp_path) as folder:
         (folder.fresh / "summary.json").write_text("new")
         folder.keep_so_far()
@@ -135,8 +136,7 @@ def test_results_are_kept_if_somebody_removes_the_folder_meanwhile(tmp_path):
     assert contents(out) == {"summary.json": "new"}
     with OutputFolder(out) as folder:
         shutil.rmtree(out)
-        out.mkdir()
-        (out / "summary.json").write_text("mine")
+        mine(out, "summary.json")
         with folder.writing() as fresh:
             (fresh / "summary.json").write_text("newer")
         message = refusal(folder.keep)
@@ -157,8 +157,7 @@ def test_somebody_elses_folder_is_refused_and_left_alone(tmp_path):
 
 
 def test_force_replaces_only_files_of_the_same_names(tmp_path):
-    (tmp_path / "thesis.txt").write_text("mine")
-    (tmp_path / "summary.json").write_text("mine")
+    mine(tmp_path, "thesis.txt", "summary.json")
     run(tmp_path, force=True, summary_json="old", overview_png="old")
     (tmp_path / "summary.json").write_text("edited")
     assert "summary.json was changed or not written by rnc-pin" in refusal(lambda: run(tmp_path, summary_json="new"))
@@ -176,15 +175,10 @@ FORGED = [
 
 @pytest.mark.parametrize("name", FORGED)
 def test_a_forged_manifest_leads_nowhere(name, tmp_path):
-    (tmp_path / "precious.txt").write_text("mine")
-    (tmp_path / "beside").mkdir()
-    (tmp_path / "beside" / "summary.json").write_text("mine")
+    mine(tmp_path, "precious.txt", "beside/summary.json")
     forge(tmp_path / "beside", {"summary.json": digest("mine")})
     target = tmp_path / "out"
-    for folder in (".git", "src"):
-        (target / folder).mkdir(parents=True)
-        (target / folder / "summary.json").write_text("mine")
-    (target / "data.csv").write_text("mine")
+    mine(target, ".git/summary.json", "src/summary.json", "data.csv")
     (target / "link").symlink_to(tmp_path / "beside", target_is_directory=True)
     (target / "overview.png").symlink_to(tmp_path / "precious.txt")
     forge(target, {name: digest("mine")})
@@ -249,9 +243,8 @@ def test_a_run_replaces_files_of_others_only_by_force(tmp_path, call, no_picture
 def test_a_scenario_with_a_strange_name_writes_into_no_folder_above(tmp_path, monkeypatch, call, no_pictures):
     name = "...yaml"
     call(*SHORT, "--out", tmp_path / "first")
-    (tmp_path / "here").mkdir()
-    monkeypatch.chdir(tmp_path / "here")
-    (tmp_path / "here" / name).write_text((tmp_path / "first" / "scenario.yaml").read_text())
+    file = write(tmp_path / "here" / name, (tmp_path / "first" / "scenario.yaml").read_text())
+    monkeypatch.chdir(file.parent)
     assert call("run", name)[0] == 0
     assert {path.name for path in (tmp_path / "here").iterdir()} == {name, "runs"}
     assert [path.name for path in (tmp_path / "here" / "runs").iterdir()] == ["scenario"]

@@ -30,11 +30,10 @@ BODY = '<mujoco>{}<worldbody><body name="b"><joint name="j"/><geom size="1"/>{}<
 
 @pytest.fixture
 def folder(tmp_path):
-    (tmp_path / "robot" / "parts").mkdir(parents=True)
-    (tmp_path / "robot" / "parts" / "defaults.xml").write_text(DEFAULTS)
-    (tmp_path / "robot" / "parts" / "wedge.obj").write_text(TETRAHEDRON)
-    (tmp_path / "elsewhere.xml").write_text(DEFAULTS)
-    (tmp_path / "elsewhere.obj").write_text(TETRAHEDRON)
+    for parts in ("robot/parts/defaults.xml", "elsewhere.xml"):
+        write(tmp_path / parts, DEFAULTS)
+    for mesh in ("robot/parts/wedge.obj", "elsewhere.obj"):
+        write(tmp_path / mesh, TETRAHEDRON)
     (tmp_path / "robot" / "link.xml").symlink_to(tmp_path / "elsewhere.xml")
     os.mkfifo(tmp_path / "robot" / "pipe.xml")
     return tmp_path / "robot"
@@ -95,10 +94,8 @@ def test_pictures_that_are_made_are_nobodys_business(asset, tmp_path, capfd):
 
 
 def test_files_of_folders_that_are_named_are_read(folder):
-    asset = (
-        '<compiler meshdir=".."/><asset><mesh name="m" file="elsewhere.obj"/></asset><include file="../elsewhere.xml"/>'
-    )
-    path = written(folder, BODY.format(asset, '<geom type="mesh" mesh="m"/>'))
+    asset = '<compiler meshdir=".."/><asset><mesh name="m" file="elsewhere.obj"/></asset>'
+    path = written(folder, BODY.format(asset + '<include file="../elsewhere.xml"/>', '<geom type="mesh" mesh="m"/>'))
     with pytest.raises(rnc.ModelError, match=r"give its folder in package_dirs \(--package-dir\) if you trust"):
         rnc.Robot.from_mjcf(path)
     with pytest.raises(rnc.ModelError, match="if you trust"):
@@ -209,9 +206,8 @@ def test_sites_are_where_mujoco_has_them(turn, angle, tmp_path):
 def test_what_meshes_weigh(head, body, folder):
     """To Pinocchio's parser each weighs a kilogram."""
     asset = f'<compiler meshdir="parts"/><asset><mesh name="wedge" file="wedge.obj"/></asset>{head}'
-    path = written(
-        folder, f'<mujoco>{asset}<worldbody><body name="b"><joint axis="1 2 3"/>{body}</body></worldbody></mujoco>'
-    )
+    world = f'<worldbody><body name="b"><joint axis="1 2 3"/>{body}</body></worldbody>'
+    path = written(folder, f"<mujoco>{asset}{world}</mujoco>")
     same_machine(path)
     path.write_text(path.read_text().replace("</body>", '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body>'))
     assert rnc.Robot.from_mjcf(path).model.inertias[1].mass == 1
@@ -400,8 +396,7 @@ def test_a_loop_that_stays_open_is_warned_of(tmp_path):
 ])  # fmt: skip
 def test_a_base_takes_the_place_of_the_free_joint(base, first, nv, tmp_path):
     text = (
-        '<mujoco><worldbody><body name="b"><freejoint name="float"/>'
-        '<geom size="0.1" mass="3"/>'
+        '<mujoco><worldbody><body name="b"><freejoint name="float"/><geom size="0.1" mass="3"/>'
         '<body name="one"><joint name="shoulder"/><geom pos="1 0 0" size="0.1" mass="1"/>'
         '<body name="two"><joint name="elbow" axis="0 1 0"/><geom pos="1 0 0" size="0.1" mass="1"/>'
         "</body></body></body></worldbody></mujoco>"

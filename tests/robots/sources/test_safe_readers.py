@@ -86,10 +86,8 @@ def test_a_pipe_is_not_waited_for(tmp_path):
 
 
 def test_thousands_of_links_are_read_in_time_that_grows_as_they_do(tmp_path):
-    path = write(tmp_path / "r.urdf", tree(4_000, parent=lambda k: k // 10))
     with ending_within(8):
-        robot = rnc.Robot.from_urdf(path, base="planar")
-    assert robot.nv == 3
+        assert robot_of(tmp_path, tree(4_000, parent=lambda k: k // 10), base="planar").nv == 3
 
 
 RING = '<joint name="back" type="fixed"><parent link="l2000"/><child link="l0"/></joint></robot>'
@@ -102,15 +100,13 @@ RING = '<joint name="back" type="fixed"><parent link="l2000"/><child link="l0"/>
 ], ids=["chain", "ring", "memory"])  # fmt: skip
 def test_a_robot_too_large_is_refused_at_once(text, base, words, tmp_path):
     with ending_within(10), pytest.raises(rnc.ModelError, match=words):
-        rnc.Robot.from_urdf(write(tmp_path / "r.urdf", text), base=base)
+        robot_of(tmp_path, text, base=base)
 
 
 @pytest.mark.parametrize("name", ["r.urdf", "r.xml", "r.xacro"])
 def test_xml_too_deep_is_refused(name, tmp_path):
-    path = write(tmp_path / name, "<robot name='r'>" + "<a>" * 100_000 + "</a>" * 100_000 + "</robot>")
-    read = rnc.Robot.from_mjcf if name == "r.xml" else rnc.Robot.from_urdf
     with ending_within(10), pytest.raises(rnc.ModelError, match="deep"):
-        read(path)
+        robot_of(tmp_path, "<robot name='r'>" + "<a>" * 100_000 + "</a>" * 100_000 + "</robot>", name)
 
 
 def test_a_name_is_compared_with_others_in_bounded_time():
@@ -120,17 +116,22 @@ def test_a_name_is_compared_with_others_in_bounded_time():
 
 
 def test_many_mimics_of_nothing_are_told_at_once(tmp_path):
-    path = write(tmp_path / "r.urdf", tree(200, "revolute", inside='<mimic joint="nobody"/>'))
     with ending_within(20), pytest.warns(rnc.ModelWarning, match="and 199 more"):
-        rnc.Robot.from_urdf(path)
+        robot_of(tmp_path, tree(200, "revolute", inside='<mimic joint="nobody"/>'))
 
 
 @pytest.mark.parametrize("count", [2, 12])
 def test_a_loop_out_of_reach_is_refused_at_once(count, tmp_path):
-    robot = rnc.Robot.from_urdf(write(tmp_path / "r.urdf", tree(count, "continuous")))
+    robot = robot_of(tmp_path, tree(count, "continuous"))
     anchor = rnc.LoopClosure("universe", f"l{count}", "point", offset_a=(30.0, 0.0, 0.0))
     with ending_within(2), pytest.raises(rnc.ConstraintError, match="from 25 random configurations"):
         rnc.NonholonomicSystem(robot, [anchor])
+
+
+def robot_of(folder, text, name="r.urdf", **options):
+    """The robot of a file with this text, which is MJCF or a URDF."""
+    read = rnc.Robot.from_mjcf if "<mujoco" in text or name == "r.xml" else rnc.Robot.from_urdf
+    return read(write(folder / name, text), **options)
 
 
 def arm(inside="", mass="1", moment="1", link="", limit=LIMIT):
@@ -152,9 +153,8 @@ def mjcf(body, head=""):
 @pytest.mark.parametrize("name", ["r.urdf", "r.urdf.xacro"])
 def test_an_entity_of_another_file_is_refused_and_not_read_as_nothing(head, name, tmp_path):
     write(tmp_path / "secret.txt", "hush")
-    path = write(tmp_path / name, head + arm().replace("</robot>", "&e;</robot>"))
     with pytest.raises(rnc.ModelError, match="not well-formed XML: undefined entity"):
-        rnc.Robot.from_urdf(path)
+        robot_of(tmp_path, head + arm().replace("</robot>", "&e;</robot>"), name)
 
 
 @pytest.mark.parametrize(("text", "words"), [
@@ -166,9 +166,8 @@ def test_an_entity_of_another_file_is_refused_and_not_read_as_nothing(head, name
     (mjcf('<joint name="j" stiffness="5"/><geom size="1" mass="1"/>'), r"springs .* are left out of the model: joint j"),
 ])  # fmt: skip
 def test_what_is_not_taken_as_written_is_warned_of(text, words, tmp_path):
-    path = write(tmp_path / "r.urdf", text)
     with pytest.warns(rnc.ModelWarning, match=words):
-        robot = rnc.Robot.from_mjcf(path) if "mujoco" in text else rnc.Robot.from_urdf(path)
+        robot = robot_of(tmp_path, text)
     assert robot.model.inertias[1].mass == 1
     if "above" in words:
         assert robot.model.lowerPositionLimit[0] < -1e100
@@ -193,21 +192,20 @@ GEOM, HINGE = '<geom size="1" mass="1"/>', '<joint name="j" type="hinge"/>'
     (mjcf(f'<body pos="1\xa00 0">{HINGE}{GEOM}</body>'), "pos takes 3 finite numbers"),
 ])  # fmt: skip
 def test_what_no_machine_is_is_refused_by_name(text, words, tmp_path):
-    read = rnc.Robot.from_mjcf if text.startswith("<mujoco") else rnc.Robot.from_urdf
     with pytest.raises(rnc.ModelError, match=words):
-        read(write(tmp_path / "r.urdf", text))
+        robot_of(tmp_path, text)
 
 
 def test_a_joint_of_the_bases_name_is_refused_beside_a_base(tmp_path):
-    path = write(tmp_path / "r.xml", mjcf(HINGE.replace('"j"', '"root_joint"') + GEOM))
+    text = mjcf(HINGE.replace('"j"', '"root_joint"') + GEOM)
     with pytest.raises(rnc.ModelError, match="a joint cannot be called 'root_joint'"):
-        rnc.Robot.from_mjcf(path, base="planar")
-    assert rnc.Robot.from_mjcf(path).joint_names == ("root_joint",)
+        robot_of(tmp_path, text, base="planar")
+    assert robot_of(tmp_path, text).joint_names == ("root_joint",)
 
 
 @pytest.mark.parametrize("ratio", [-1e308, 1e200])  # of the second the square alone has no room
 def test_a_coupling_without_bound_is_refused(ratio, tmp_path):
-    robot = rnc.Robot.from_urdf(write(tmp_path / "r.urdf", tree(2, "continuous")))
+    robot = robot_of(tmp_path, tree(2, "continuous"))
     with pytest.raises(rnc.ConstraintError, match="constraint rows overflow"):
         rnc.NonholonomicSystem(robot, [rnc.JointCoupling("j0", "j1", ratio, 1.0)])
 
@@ -221,21 +219,15 @@ PNG = b"\x89PNG\r\n\x1a\n" + b"pixels"
 
 
 @pytest.mark.parametrize(("image", "shown"), [
-    ("robot/textures/skin.png", True),
-    ("robot/meshes/skin.png", True),
-    ("robot/meshes/secret.png", False),
-    ("elsewhere/secret.txt", False),
-    ("elsewhere/skin.png", False),
-    ("robot/meshes/link.png", False),
+    ("robot/textures/skin.png", True), ("robot/meshes/skin.png", True), ("robot/meshes/secret.png", False),
+    ("elsewhere/secret.txt", False), ("elsewhere/skin.png", False), ("robot/meshes/link.png", False),
     ("robot/meshes/missing.png", False),
 ])  # fmt: skip
 def test_pages_take_along_images_of_the_robot_alone(image, shown, tmp_path):
-    for folder in ("robot/meshes", "robot/textures", "elsewhere"):
-        (tmp_path / folder).mkdir(parents=True)
     for name in ("robot/textures/skin.png", "robot/meshes/skin.png", "elsewhere/skin.png"):
-        (tmp_path / name).write_bytes(PNG)
+        write(tmp_path / name, PNG)
     for name in ("robot/meshes/secret.png", "elsewhere/secret.txt"):
-        (tmp_path / name).write_text("hush")
+        write(tmp_path / name, "hush")
     (tmp_path / "robot/meshes/link.png").symlink_to(tmp_path / "elsewhere/skin.png")
     write(tmp_path / "robot/meshes/m.dae", collada(tmp_path / image))
     visual = '<visual><geometry><mesh filename="meshes/m.dae"/></geometry></visual>'
@@ -268,12 +260,12 @@ LONG = "x" * 5000
 )
 def test_a_mesh_of_an_impossible_name_is_a_mesh_that_is_not_there(name, tmp_path):
     visual = f'<visual><geometry><mesh filename="{name}"/></geometry></visual>'
-    robot = rnc.Robot.from_urdf(write(tmp_path / "r.urdf", arm(link=visual)))
+    robot = robot_of(tmp_path, arm(link=visual))
     with pytest.warns(rnc.ModelWarning, match="1 mesh was not found") as warned:
         assert [shape.name for shape in robot.visual_model.geometryObjects] == ["b_stand_in"]
     assert all(issubclass(each.category, rnc.ModelWarning) for each in warned)
-    light = write(tmp_path / "r.urdf", arm(link=visual, mass="0", moment="0"))
-    assert rnc.Robot.from_urdf(light, masses={"b": 2.0}, package_dirs=[LONG]).model.inertias[1].mass == 2.0
+    light = robot_of(tmp_path, arm(link=visual, mass="0", moment="0"), masses={"b": 2.0}, package_dirs=[LONG])
+    assert light.model.inertias[1].mass == 2.0
 
 
 @pytest.mark.parametrize(("name", "text"), [
@@ -283,9 +275,8 @@ def test_a_mesh_of_an_impossible_name_is_a_mesh_that_is_not_there(name, tmp_path
     ("r.xacro", f'<robot name="r" xmlns:xacro="x"><xacro:include filename="$(find {LONG})/a"/></robot>'),
 ])  # fmt: skip
 def test_files_of_impossible_names_are_refused_in_one_line(name, text, tmp_path):
-    read = rnc.Robot.from_mjcf if name == "r.xml" else rnc.Robot.from_urdf
     with pytest.raises(rnc.ModelError) as caught:
-        read(write(tmp_path / name, text))
+        robot_of(tmp_path, text, name)
     assert len(str(caught.value)) < 4100
 
 
