@@ -151,12 +151,8 @@ def test_wrong_faults_are_one_line(call, faults, line):
     assert said.count("\n") == 1
 
 
-FAULTY = {
-    "simulation.duration": 0.2,
-    "faults": {"position_noise": 1e-4, "velocity_noise": 1e-3, "dropped": 0.05, "masses": 0.2},
-    "seed": 7,
-    "comparisons": {},
-}
+NOISE = {"position_noise": 1e-4, "velocity_noise": 1e-3, "dropped": 0.05, "masses": 0.2}
+FAULTY = {"simulation.duration": 0.2, "faults": NOISE, "seed": 7, "comparisons": {}}
 
 
 def bits(plant: str) -> bytes:

@@ -16,7 +16,6 @@ from tolerances import KKT, ROUNDING
 
 MOTION = 1e-8  # positions and velocities after seconds of free motion, against the reference's own integration
 
-
 L1, L2 = 1.0, 0.4  # rear axle to pivot, pivot to front axle [m]
 C1, C2 = 0.3, 0.15  # centres of mass, ahead of the rear axle and of the pivot [m]
 M1, M2, I1, I2 = 3.0, 1.2, 0.5, 0.08  # masses [kg] and yaw inertias about the centres of mass [kg m^2]

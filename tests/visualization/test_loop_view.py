@@ -9,6 +9,7 @@ import struct
 import subprocess
 import time
 import warnings
+from contextlib import closing
 
 import meshcat
 import meshcat.geometry as mg
@@ -31,6 +32,7 @@ from rnc_pin.visualization.meshcat_scene import MeshcatScene
 from rnc_pin.visualization.recording import Recording
 from rnc_pin.visualization.scene_bodies import draw_robot
 from terminal import UNDRAWN
+from urdf_parts import write
 
 
 @pytest.fixture(scope="module")
@@ -63,14 +65,12 @@ def can_connect(host, port):
 
 
 def test_only_this_machine_can_connect():
-    before, window = listening(), SceneWindow()
-    port = int(window.serve().split(":")[2].split("/")[0])
-    try:
+    before = listening()
+    with closing(SceneWindow()) as window:
+        port = int(window.serve().split(":")[2].split("/")[0])
         assert listening() - before == {("0100007F", port)}  # 127.0.0.1, and neither 0.0.0.0 nor [::]
         assert can_connect("127.0.0.1", port)
         assert not can_connect("127.0.0.2", port)
-    finally:
-        window.close()
 
 
 def ask_to_watch(host, origin):
@@ -83,9 +83,8 @@ def ask_to_watch(host, origin):
 
 
 def test_browsers_that_vanish_leave_no_trace(caplog):
-    window = SceneWindow()
-    host, scene = window.serve().split("/")[2], meshcat.Visualizer(window=window)
-    try:
+    with closing(SceneWindow()) as window:
+        host, scene = window.serve().split("/")[2], meshcat.Visualizer(window=window)
         for _ in range(8):
             connection, status = ask_to_watch(host, f"http://{host}")
             assert status == 101
@@ -96,8 +95,6 @@ def test_browsers_that_vanish_leave_no_trace(caplog):
             for _ in range(20):
                 scene["robot"].delete()
             assert eventually(lambda: window.browsers == 0)
-    finally:
-        window.close()
     gc.collect()  # asyncio tells of an error that nobody looked at once it is collected
     assert [record.getMessage() for record in caplog.records] == []
 
@@ -143,16 +140,11 @@ def test_a_browser_that_reads_no_more_costs_no_memory():
 def test_the_loop_does_not_wait_for_a_browser_that_reads_no_more(prepared, run):
     experiment = prepared.experiment
     info = RunInfo(output_names(experiment.reduced), provenance=experiment.provenance)
-    live = LiveView(experiment.reduced, info=info, speed=0.0, open_browser=False)
-    host = live.url.split("/")[2]
-    connection, _ = ask_to_watch(host, f"http://{host}")
-
-    try:
-        assert live.wait_for_browser(PATIENCE)
-        shown = execute(prepared, live).trajectory
-    finally:
-        connection.close()
-        live.close()
+    with closing(LiveView(experiment.reduced, info=info, speed=0.0, open_browser=False)) as live:
+        host = live.url.split("/")[2]
+        with closing(ask_to_watch(host, f"http://{host}")[0]):
+            assert live.wait_for_browser(PATIENCE)
+            shown = execute(prepared, live).trajectory
     assert live.problem is None
     # Every sample is there, and is what it would be if nobody had watched.
     for name in ("time", "q", "v2", "T", "multipliers"):
@@ -230,29 +222,29 @@ def test_the_live_view_keeps_to_its_speed(robot):
 
 def test_a_robot_without_geometry_cannot_be_drawn(robot):
     before = listening()
-    bare = rnc.Robot(robot.model)
     with pytest.raises(rnc.ModelError, match="'space_robot' has no visual or collision geometry to draw"):
-        LiveView(bare, open_browser=False)
+        LiveView(rnc.Robot(robot.model), open_browser=False)
     assert listening() == before
+
+
+def with_shapes(folder, shapes):
+    """A robot of one link of 9 kg."""
+    path = write(folder / "hull.urdf", f'<robot name="hull"><link name="hull">{shapes}</link></robot>')
+    return rnc.Robot.from_urdf(path, base="planar", masses={"hull": 9.0})
 
 
 def test_a_robot_with_collision_shapes_only_is_drawn_by_them(tmp_path):
     hull = '<geometry><box size="1 1 1"/></geometry>'
     for visual, count in (("", 2), (f"<visual>{hull}</visual>", 1)):
-        (tmp_path / "hull.urdf").write_text(
-            f'<robot name="hull"><link name="hull">{visual}{2 * f"<collision>{hull}</collision>"}</link></robot>'
-        )
-        window = SceneWindow()
-        hull = rnc.Robot.from_urdf(tmp_path / "hull.urdf", base="planar", masses={"hull": 9.0})
-        draw_robot(hull, MeshcatScene(window))
+        window, shapes = SceneWindow(), visual + 2 * f"<collision>{hull}</collision>"
+        draw_robot(with_shapes(tmp_path, shapes), MeshcatScene(window))
         assert len([key for key in window.latest if "set_object" in key and "hull" in str(key)]) == count
 
 
 def test_drawing_visual_shapes_reads_no_collision_meshes(tmp_path):
     mesh = '<collision><geometry><mesh filename="missing.stl"/></geometry></collision>'
     box = '<visual><geometry><box size="1 1 1"/></geometry></visual>'
-    (tmp_path / "hull.urdf").write_text(f'<robot name="hull"><link name="hull">{box}{mesh}</link></robot>')
-    robot = rnc.Robot.from_urdf(tmp_path / "hull.urdf", base="planar", masses={"hull": 9.0})
+    robot = with_shapes(tmp_path, box + mesh)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert robot.drawn_geometry is robot.visual_model

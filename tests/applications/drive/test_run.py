@@ -215,7 +215,6 @@ LINK = """<link name="link_{0}"><inertial><origin xyz="0.25 0 0"/><mass value="1
 <joint name="joint_{0}" type="revolute"><parent link="{1}"/><child link="link_{0}"/><origin xyz="{2} 0 0"/>
 <axis xyz="0 0 1"/><limit lower="-2.5" upper="2.5" effort="100" velocity="2"/></joint>"""
 
-
 SCENARIO = """
 robot: {urdf: arm.urdf}
 obstacles:

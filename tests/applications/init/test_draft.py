@@ -156,16 +156,12 @@ def test_init_of_a_xacro_file_takes_its_arguments(call, tmp_path, monkeypatch):
 
 
 def test_two_axles_that_are_only_drawn_leave_the_base_its_turn(tmp_path):
-    wheels = "".join(
-        f'<link name="w{k}"><visual><geometry><cylinder radius="0.1" length="0.04"/></geometry></visual></link>'
-        f'<joint name="j{k}" type="fixed"><parent link="base"/><child link="w{k}"/>'
-        f'<origin xyz="{x} {y} 0.1" rpy="1.570796 0 0"/></joint>'
-        for k, (x, y) in enumerate([(0.3, 0.2), (0.3, -0.2), (-0.1, 0.2), (-0.1, -0.2)])
-    )
-    mass = '<mass value="9"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
-    arm = '<joint name="a" type="continuous"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/></joint>'
-    links = "".join(f'<link name="{name}"><inertial>{mass}</inertial></link>' for name in ("base", "arm"))
-    content, path = drafted(write(tmp_path / "cart.urdf", f'<robot name="cart">{links}{wheels}{arm}</robot>'), tmp_path)
+    disk, lying = '<cylinder radius="0.1" length="0.04"/>', "1.570796 0 0"
+    parts = [link("base", 9, moment=1), link("arm", 9, moment=1), joint("a", "base", "arm", (0, 0, 0), "0 0 1")]
+    for k, (x, y) in enumerate([(0.3, 0.2), (0.3, -0.2), (-0.1, 0.2), (-0.1, -0.2)]):
+        parts.append(link(f"w{k}", 0.1, disk, geometry="visual"))
+        parts.append(joint(f"j{k}", "base", f"w{k}", (x, y, 0.1), kind="fixed", effort=None, rpy=lying))
+    content, path = drafted(write(tmp_path / "cart.urdf", robot(*parts, name="cart")), tmp_path)
     assert content["constraints"] == [{"no_side_slip": {"frame": "base", "axis": "y", "at": [0.1, 0.0, 0.0]}}]
     assert content["task"]["primary"] == ["base_speed_x", "base_yaw", "a"]
     assert "2 axles of one body cannot all roll in a turn" in path.read_text()

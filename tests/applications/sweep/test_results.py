@@ -10,6 +10,7 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.applications.sweep.results import sweep_statistics
 from rnc_pin.applications.sweep.runs import SeededDraws
+from urdf_parts import write
 
 
 def test_columns_and_statistics_of_rows_with_different_values(tmp_path):
@@ -41,9 +42,6 @@ def test_columns_and_statistics_of_rows_with_different_values(tmp_path):
         results.row(3)
 
 
-# ---------------------------------------------------------------------- sweep folder
-
-
 ROW = {"run": 0, "outcome": "completed", "verdict": "succeeded", "finding": "", "message": "", "wall_time": 0.1}
 LINES = {
     "no JSON": (b"{]\n", "line 1 is not the row of a run: Expecting property name"),
@@ -61,7 +59,6 @@ LINES = {
     "large": ({**ROW, "n": 10**30}, "n: 1000000000000000000000000000000 is too large"),
     "digits": (b'{"run": ' + b"1" * 5000 + b"}\n", "line 1 is not the row of a run: "),
 }
-
 
 DRAWS = {"seed": 4, "distributions": {"mass": [1.0, 2.0], "wheel": {"choice": ["a", "b"]}}}
 OWN, OTHER = ({**ROW, **next(SeededDraws.of(DRAWS["distributions"], 4).of_run(run))} for run in (0, 1))
@@ -104,11 +101,10 @@ READ = {
 
 @pytest.mark.parametrize(("name", "text"), READ.values(), ids=READ)
 def test_a_sweep_does_not_continue_after_a_file_that_it_read_changed(name, text, tmp_path):
-    (tmp_path / "parts").mkdir()
     files = {"sleigh.urdf.xacro": SLEIGH, "parts/mass.xacro": MACRO.format(2), "hull.obj": HULL.format(1),
         "lot.yaml": LOT, "lot.pgm": "P2 2 2 255\n0 255 255 255\n", "run.yaml": SCENARIO}  # fmt: skip
     for each, content in files.items():
-        (tmp_path / each).write_text(content)
+        write(tmp_path / each, content)
     run = tmp_path / "run.yaml"
     assert rnc.sweep(run, 1, out=tmp_path / "out").row(0)["message"] == ""
     assert len(rnc.sweep(run, 2, out=tmp_path / "out")) == 2

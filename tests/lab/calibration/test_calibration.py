@@ -167,9 +167,6 @@ def test_a_log_that_hardly_shows_a_number_converges(seed, tmp_path):
     assert (np.abs(found.values - list(CAR.true.values())) < 4 * found.std).all()
 
 
-# ---------------------------------------------------------------------- comparison
-
-
 def test_the_error_of_a_right_model_is_the_noise_of_the_sensor(tmp_path):
     true = replace(TRICYCLE, true=TRICYCLE.nominal)
     found = rnc.compare(true.system(tmp_path), true.log(0), "sensor")

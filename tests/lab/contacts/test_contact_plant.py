@@ -11,7 +11,6 @@ from simple_controllers import Idle, Inputs
 
 G = 9.81
 
-
 CORNERS = {f"c{k}": [(k & 1) * 0.2 - 0.1, (k >> 1 & 1) * 0.3 - 0.15, (k >> 2) * 0.1 - 0.05] for k in range(8)}
 
 

@@ -416,7 +416,6 @@ def on_ground(ground):
 ROW, SLOPE = np.array([[0.0, 1.0, 1.0, 1.0]]), rnc.GroundPlane(normal=(0.1, 0.0, 1.0))
 LEVEL = rnc.Pfaffian(lambda q: ROW, lambda q, v: 0 * ROW, names=["level"])
 
-
 test_what_does_not_fit_is_refused_in_one_line = refused([
     (lambda: in_mujoco([LEVEL], "space_robot.urdf", "fixed"), r"MuJoCo: level \(Pfaffian\) has no equivalent"),
     (screw, r"no joint like 'spindle' \(JointModelHX\)"),

@@ -2,7 +2,7 @@
 
 import asyncio
 import json
-from contextlib import suppress
+from contextlib import closing, suppress
 from itertools import count
 from types import SimpleNamespace
 
@@ -18,10 +18,10 @@ from rnc_pin.visualization.browser.scene_server import SceneWindow
 @pytest.fixture
 def served():
     """Host, secret and received messages of a page that takes commands."""
-    window, received = SceneWindow(), []
-    address, _, secret = window.serve(panel=scene_server.ControlPanel("drive", received.append)).partition("#")
-    yield address.split("/")[2], secret, received
-    window.close()
+    received = []
+    with closing(SceneWindow()) as window:
+        address, _, secret = window.serve(panel=scene_server.ControlPanel("drive", received.append)).partition("#")
+        yield address.split("/")[2], secret, received
 
 
 async def connected(host, origin=None):
@@ -121,20 +121,15 @@ def test_a_page_that_closes_or_does_not_answer_says_farewell(silent):
         while len(received) < 2:
             await asyncio.sleep(0.01)
 
-    try:
+    with closing(window):
         asyncio.run(asyncio.wait_for(leave(), PATIENCE))
         assert received == [{"kind": "base_goal"}, {"kind": "stop"}]
-    finally:
-        window.close()
 
 
 def test_a_page_that_only_shows_takes_no_commands():
-    window = SceneWindow()
-    address = window.serve()
-    try:
+    with closing(SceneWindow()) as window:
+        address = window.serve()
         assert "#" not in address
         host = address.split("/")[2]
         with pytest.raises(HTTPClientError, match="404"):
             asyncio.run(connected(host, f"http://{host}"))
-    finally:
-        window.close()

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import threading
 import tracemalloc
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
 
 import pytest
@@ -21,6 +21,7 @@ from patience import PATIENCE
 from rnc_pin.visualization.browser.page import RequestFilter
 from rnc_pin.visualization.browser.scene_server import SceneWindow
 from rnc_pin.visualization.loop_view import LiveView
+from urdf_parts import write
 
 
 def sockets():
@@ -35,9 +36,8 @@ def sockets():
 
 @pytest.fixture
 def port():
-    window = SceneWindow()
-    yield int(window.serve().split(":")[2].split("/")[0])
-    window.close()
+    with closing(SceneWindow()) as window:
+        yield int(window.serve().split(":")[2].split("/")[0])
 
 
 def asked(port, path, *headers, upgrade=False, version="1.1"):
@@ -108,8 +108,7 @@ def test_who_is_admitted_elsewhere():
 
 def frame(size, sent, opcode=2, final=True):
     """The beginning of a web socket's frame that says it is of a size, masked with zeros."""
-    head = struct.pack("!BBQ", (0x80 if final else 0) | opcode, 0x80 | 127, size)
-    return head + bytes(4) + bytes(sent)
+    return struct.pack("!BBQ", (0x80 if final else 0) | opcode, 0x80 | 127, size) + bytes(4) + bytes(sent)
 
 
 def closed(connection):
@@ -203,8 +202,7 @@ assert not found, found
 
 def test_the_packages_of_pages_are_imported_only_when_they_are_used(tmp_path: Path) -> None:
     for name in _NAMES:  # found before those of the environment, which may lack them
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "__init__.py").write_text("")
-    (tmp_path / "IPython" / "display.py").write_text("HTML = str")
+        write(tmp_path / name / "__init__.py", "")
+    write(tmp_path / "IPython/display.py", "HTML = str")
     searched = {**os.environ, "PYTHONPATH": str(tmp_path)}
     subprocess.run([sys.executable, "-c", _PAGE], check=True, timeout=PATIENCE, env=searched)

@@ -10,7 +10,7 @@ import yaml
 import rnc_pin as rnc
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
-from urdf_parts import write
+from urdf_parts import joint, link, robot, write
 
 SCENARIO = """
 robot: {urdf: mobile_manipulator.urdf, base: planar}
@@ -120,17 +120,14 @@ def test_gravity_is_compensated_from_the_start_unless_the_file_says_otherwise(tm
         "outputs": {"reducing": [{"joint": each} for each in joints]}, "initial": {"q": REACHING["ur5_robot"][1]},
         "controller": {"type": "reducing_outputs"}, "simulation": {"duration": 1, "dt": 0.01},
     }  # fmt: skip
-    path = tmp_path / "ur5.yaml"
-    path.write_text(yaml.safe_dump(raw))
+    path = write(tmp_path / "ur5.yaml", yaml.safe_dump(raw))
     q0 = robot.configuration(raw["initial"]["q"])
     torque = pin.computeGeneralizedGravity(robot.model, robot.model.createData(), q0)
     np.testing.assert_allclose(Scenario.load(path).controller.gravity_compensation, torque, atol=1e-12)
     for options in (
-        {"controller.gravity_compensation": False},
-        {"initial.v2": {"elbow_joint": 0.1}},
-        {"controller.preset": "paper"},
-        {"robot.gravity": [0, 0, 0]},
-    ):
+        {"controller.gravity_compensation": False}, {"initial.v2": {"elbow_joint": 0.1}},
+        {"controller.preset": "paper"}, {"robot.gravity": [0, 0, 0]},
+    ):  # fmt: skip
         assert Scenario.load(path, options).controller.gravity_compensation == 0.0
 
 
@@ -163,18 +160,11 @@ def test_mistakes_are_one_line_with_their_place(tmp_path, controller, words):
     assert "\n" not in str(caught.value)
 
 
-POINT_URDF = """<robot name="point">
-  <link name="world"/>
-  <link name="slide"><inertial><mass value="1"/>
-    <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <link name="ball"><inertial><mass value="2"/>
-    <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>
-    <collision><geometry><sphere radius="0.1"/></geometry></collision></link>
-  <joint name="x" type="prismatic"><parent link="world"/><child link="slide"/><axis xyz="1 0 0"/>
-    <limit lower="-3" upper="3" effort="60" velocity="1.5"/></joint>
-  <joint name="y" type="prismatic"><parent link="slide"/><child link="ball"/><axis xyz="0 1 0"/>
-    <limit lower="-3" upper="3" effort="60" velocity="1.5"/></joint>
-</robot>"""
+SLIDES = (("x", "world", "slide", "1 0 0"), ("y", "slide", "ball", "0 1 0"))
+POINT_URDF = robot(
+    link("world"), link("slide", 1, moment=0.1), link("ball", 2, '<sphere radius="0.1"/>', moment=0.1),
+    *(joint(*names, (0, 0, 0), axis, "prismatic", 60, (-3, 3)) for *names, axis in SLIDES), name="point",
+).replace('velocity="20"', 'velocity="1.5"')  # fmt: skip
 # A ball drives 1 m ahead. One obstacle stands beside its way; another crosses the way from the side.
 POINT = """
 robot: {urdf: point.urdf}
@@ -219,9 +209,8 @@ def test_obstacles_of_the_scenario_are_avoided_at_rest_and_in_motion(tmp_path, p
     run.trajectory.save(tmp_path / "run.npz")
     kept = rnc.Trajectory.load(tmp_path / "run.npz").meta["controller"]
     assert kept.get("target", kept)["limits"][-1]["obstacles"] == ["post", "walker"]
-    blind = point(
-        tmp_path, controller={**program, "limits": {"collision": None}}, simulation={"duration": 2, "dt": 0.02}
-    )
+    blind = {**program, "limits": {"collision": None}}
+    blind = point(tmp_path, controller=blind, simulation={"duration": 2, "dt": 0.02})
     assert gaps(execute(Scenario.load(blind)).trajectory)[0].min() < -0.1
 
 
