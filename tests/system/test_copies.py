@@ -1,4 +1,4 @@
-"""What the example of each public name makes can be copied and sent to another process, and says there the same."""
+"""Examples of public names make things that can be copied and sent to another process, and say there the same."""
 
 import copy
 import doctest
