@@ -1455,8 +1455,7 @@ static Py_ssize_t sample_size(const Evaluator *ev)
 }
 
 /* q, v2, duration -> record of a state and of the configuration after this time at its velocity: kinematics and F of
-   both, then both q, S, v, v2, B, the accelerations of unit inputs (r, p) and without inputs, and the inverse of the
-   former if p = r */
+   both, both q, S, v, v2, B, accelerations of unit inputs (r, p) and of none, and the inverse of the former if p = r */
 static int sample_at(Evaluator *ev, double *const *x)
 {
     Py_ssize_t n = ev->n, size = kinematics_size(ev), inverses = 2 * n * n;
@@ -1471,7 +1470,9 @@ static int sample_at(Evaluator *ev, double *const *x)
     if (!biases(ev, q, P, F, v, NULL, S)) return -1;
     input_matrix(ev, q, P, B, ev->scratch);
     if (!input_accelerations_at(ev, (double *[]){F, S, B, effects, adverse})) return 0;
-    if (ev->p == ev->r && !invert(effects, inputs, ev->scratch, ev->r)) *inputs = INFINITY;
+    Py_ssize_t all = ev->p == ev->r ? ev->r * ev->r : 0; /* singular values of 1e-12 of the largest have no effect */
+    int inverted = all && invert(effects, inputs, ev->scratch, ev->r);
+    if (all && !(inverted && dot(inputs, inputs, all) * dot(effects, effects, all) < 1e24)) *inputs = INFINITY;
     for (Py_ssize_t i = 0; i < n; i++) ev->force_row[i] = *x[2] * v[i];
     if (!displace(ev, q, ev->force_row, q_end) || !take_position(ev, q_end, at_end)) return -1;
     return factorize(ev, q_end, at_end, NULL, at_end + size);

@@ -1,5 +1,4 @@
-/* Programs of whole-body control without active limits: the formulas of task_hierarchy.py. Included at the end of
-   kernel.c. */
+/* Programs of whole-body control without active limits: formulas of task_hierarchy.py. At the end of kernel.c. */
 
 #define DEPENDENT 1e-8   /* singular value, relative to the rows of the level, below which a direction is free */
 #define ATTAINED 1e-12   /* residual, relative to the rate, that is rounding; also the excess of a limit */

@@ -35,8 +35,6 @@ from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.reduction_kernel import ReductionKernel, RunRecords
 from rnc_pin.model.state_evaluation import StateEvaluation, output_slopes
 
-_ENDS = ("q", "v2", "kinematics", "inverse"), ("q_end", "v2", "kinematics_end", "inverse_end")  # of a sample's record
-
 
 class _SampledState(StateEvaluation):
     """State at an end of a sample, from its record.
@@ -48,17 +46,17 @@ class _SampledState(StateEvaluation):
     def __init__(
         self, evaluator: Evaluator, kernel: ReductionKernel, q: Array, v2: Array, kinematics: Array, inverse: Array
     ) -> None:
-        self._evaluator, self._data, self._records = evaluator, evaluator.data, (kernel, q, None, kinematics, inverse)
-        self.q, self.t, self._v2, self._v, self._motion, self.v2 = q, None, v2, None, None, v2
-        self.E_inverse = E_inverse = inverse["E_inverse"]
-        self.R = E_inverse[self._data.basis]
+        ConfigurationEvaluation.__init__(self, evaluator, q)
+        self._records = kernel, q, None, kinematics, inverse
+        self.v2, self.E_inverse = v2, inverse["E_inverse"]
+        self.R = self.E_inverse[evaluator.data.basis]
 
     def __reduce__(self) -> tuple[object, ...]:  # the record belongs to the kernel of this process
         return partial(StateEvaluation.at, self._evaluator, self.q, v=self.v), ()
 
     @cached_property
     def configuration(self) -> ConfigurationEvaluation:
-        return ConfigurationEvaluation(self._evaluator, self.q, None, None, self.arrays_at_q)
+        return ConfigurationEvaluation(self._evaluator, self.q, self)
 
     @cached_property
     def arrays_at_q(self) -> ArraysAtQ:
@@ -67,9 +65,6 @@ class _SampledState(StateEvaluation):
     @property
     def compiled_kinematics(self) -> Array:
         return self._records[3]
-
-    # The configuration of the state has the same q in the same reduction: quantities of q are looked up there.
-    _same_q = _same_reduction = property(lambda self: self.configuration)
 
 
 class Evaluator:
@@ -191,7 +186,9 @@ class Evaluator:
             return None
         numbers.setflags(write=False)
         record = np.ndarray((), kernel.sample, numbers)
-        start, end = (_SampledState(self, kernel, *map(record.__getitem__, names)) for names in _ENDS)
+        v2 = record["v2"]
+        start = _SampledState(self, kernel, record["q"], v2, record["kinematics"], record["inverse"])
+        end = _SampledState(self, kernel, record["q_end"], v2, record["kinematics_end"], record["inverse_end"])
         start.v, start.input_accelerations = record["v"], (record["effects"], record["adverse"])
         if self.data.p == self.data.r:
             start.accelerating_inputs = record["inputs"]

@@ -42,6 +42,8 @@ from rnc_pin.printing import ObjectSummary, described
 _INERTIAL = ("m", "m x", "m y", "m z", "I_xx", "I_xy", "I_yy", "I_xz", "I_yz", "I_zz")
 """Parameters of a body in Pinocchio's order: mass, first moments, moments of inertia about the origin of the joint."""
 
+_NO_EFFECT = 1e-12  # singular value, relative to the largest, of inputs that move nothing
+
 
 class StateEvaluation(ConfigurationEvaluation):
     """Reduced model at states (q, v). Each quantity is computed once, on first use, and is read-only.
@@ -58,6 +60,11 @@ class StateEvaluation(ConfigurationEvaluation):
     Raises (every quantity that needs R):
         SingularityError: the outputs do not parametrise the motion at q.
     """
+
+    # A state that a record has filled has v2 and v themselves.
+    _v2: Array | None = None
+    _v: Array | None = None
+    _motion: VelocityKinematics | None = None
 
     def __init__(
         self,
@@ -380,8 +387,12 @@ class StateEvaluation(ConfigurationEvaluation):
 
     @cached_property
     def accelerating_inputs(self) -> Float[Array, "p r"]:
-        """Inputs of unit reduced accelerations, at one state with p = r; not finite if inputs depend on each other."""
-        return np.ascontiguousarray(inverse(self.input_accelerations[0]))
+        """Inputs of unit reduced accelerations, at one state with p = r; infinite if inputs depend on each other."""
+        effects = self.input_accelerations[0]
+        found = np.ascontiguousarray(inverse(effects))
+        # The product of both norms bounds the ratio of singular values.
+        independent = np.vdot(found, found) * np.vdot(effects, effects) * _NO_EFFECT**2 < 1.0
+        return found if independent else np.full(found.shape, np.inf)
 
     def v_dot(self, v2_dot: Array) -> Float[Array, "*batch nv"]:
         """Full acceleration ``R v2_dot + Rdot v2 + b_dot`` for a reduced acceleration (..., r).

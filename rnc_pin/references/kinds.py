@@ -218,8 +218,7 @@ class Harmonic(ReferenceSummary):
         waves = self._amplitudes * np.sin(self._rates * t + self._phases)
         if t < self._ramp:
             waves = (t**self._powers).dot(self._leibniz).reshape(4, 4).dot(waves)
-        position, velocity, acceleration, jerk = waves
-        return ReferencePoint(self._center + position, velocity, acceleration, jerk)
+        return ReferencePoint(self._center + waves[0], waves[1], waves[2], waves[3])
 
 
 class Geodesic(ReferenceSummary):

@@ -96,7 +96,7 @@ def _unknowns(state: StateEvaluation, dt: float, basis: MotionBasis) -> tuple[Ar
     r, p = effects.shape
     if p == r:  # the unknowns can be the velocities themselves
         inputs = state.accelerating_inputs
-        if np.vdot(inputs, inputs) * np.vdot(effects, effects) * _NO_EFFECT**2 < 1.0:  # bounds the singular values
+        if not inputs.size or inputs[0, 0] < np.inf:
             return basis.to_v2, (inputs if basis.plain else inputs.dot(basis.to_v2)) / dt
     left, values, right = np.linalg.svd(basis.of_v2 @ (dt * effects))
     rank = int((values > _NO_EFFECT * values.max(initial=0.0)).sum())

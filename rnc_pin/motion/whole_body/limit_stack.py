@@ -182,7 +182,7 @@ class LimitStack:
         # Limits of joints have the same rows in each sample: stacked once, they are not copied again.
         all_constant = constant and len(constant) == len(limits)
         self._constant = (np.vstack(constant), np.arange(stops[-1])) if all_constant else None
-        self._nothing = np.zeros((0, reduced.n)), np.zeros(0), np.zeros(0), np.zeros(0, dtype=int)
+        self._nothing, self._none, self._nowhere = np.zeros((0, reduced.n)), np.zeros(0), np.zeros(0, dtype=int)
         self._affine = reduced.affine
         by_rows = [type(each).exceeded_by is BoundLimit.exceeded_by for each in self._bound]
         self.judged_by_rows = np.repeat(by_rows, sizes).astype(bool)
@@ -199,18 +199,17 @@ class LimitStack:
             braking: True for the rows of a braking motion.
         """
         each = [limit.braking_rows(sample) if braking else limit.rows(sample) for limit in self._bound]
+        found = [(rows, where) for rows, where in zip(each, self._places, strict=True) if rows is not None]
         if self._constant:
             whole, chosen = self._constant
-            low, high = (np.concatenate(sides) for sides in list(zip(*each, strict=True))[1:3])
         else:
-            found = [self._nothing]
-            for rows, where in zip(each, self._places, strict=True):
-                if rows is not None:
-                    found.append((*rows[:3], where if rows.places is None else where[rows.places]))
-            whole, low, high, chosen = map(np.concatenate, zip(*found, strict=True))
+            whole = np.concatenate([self._nothing, *(rows.jacobian for rows, _ in found)])
+            places = [where if rows.places is None else where[rows.places] for rows, where in found]
+            chosen = np.concatenate([self._nowhere, *places])
+        sides = np.concatenate([self._none, *(rows.lower for rows, _ in found), *(rows.upper for rows, _ in found)])
+        low, high = sides[: len(chosen)], sides[len(chosen) :]
         # One product finds whether any bound is missing; most programs have all.
-        widths = high - low
-        if not widths.dot(widths) < np.inf:
+        if not sides.dot(sides) < np.inf:
             used = np.isfinite(low) | np.isfinite(high)
             whole, low, high, chosen = whole[used], low[used], high[used], chosen[used]
         return LimitRows(whole, low, high, chosen)

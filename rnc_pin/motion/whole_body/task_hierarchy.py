@@ -24,7 +24,7 @@ from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.motion.whole_body.limit_stack import LimitStack, ProgramBounds
 from rnc_pin.motion.whole_body.limits.control_limit import ControlSample
-from rnc_pin.motion.whole_body.tasks import BoundOutput, ControlTask, OutputsTogether
+from rnc_pin.motion.whole_body.tasks import ControlTask, OutputsTogether
 from rnc_pin.robots.joint_values import limited_positions
 
 _SAMPLED_DAMPING = 2.0  # the inverse of the largest factor per sample
@@ -256,10 +256,10 @@ class TaskStack:
         level_of = np.searchsorted(self.ends, rows[: len(ranks)], side="right")
         self.squares = self.roots**2 * curved * (level_of == np.arange(len(self.ends))[:, None])
         self.curvature = metric.curvature
-        outputs = [(each, where) for each, where in placed if isinstance(each, BoundOutput)]
+        outputs = [(each.output, where) for each, where in placed if each.output is not None]
         self._outputs = OutputsTogether([each for each, _ in outputs], reduced) if outputs else None
         self._output_rows = as_slice(np.concatenate([rows[:0], *(rows[where] for _, where in outputs)]))
-        self._others = [(each, where) for each, where in placed if not isinstance(each, BoundOutput)]
+        self._others = [(each, where) for each, where in placed if each.output is None]
         self._nv, self._affine = reduced.n, reduced.affine
 
     def at(self, sample: ControlSample) -> tuple[TaskLevels, SampledDamping]:
@@ -276,11 +276,14 @@ class TaskStack:
 
     def rows(self, *samples: ControlSample) -> tuple[Float[Array, "s k nv"], Float[Array, "s k"]]:
         """Return the rows of all tasks at the ends of samples, on the full velocity and unweighted, and their rates."""
+        # Outputs share the kinematics of their joints: one evaluation gives all of them.
+        outputs = self._outputs.rows(*samples) if self._outputs else None
+        if outputs and not self._others:
+            return outputs
         k, s = len(self.roots), len(samples)
         J, rate = np.empty((s, k, self._nv)), np.empty((s, k))
-        # Outputs share the kinematics of their joints: one evaluation gives all of them.
-        if self._outputs is not None:
-            J[:, self._output_rows], rate[:, self._output_rows] = self._outputs.rows(*samples)
+        if outputs:
+            J[:, self._output_rows], rate[:, self._output_rows] = outputs
         for i, sample in enumerate(samples):
             for bound, where in self._others:
                 J[i, where], rate[i, where] = bound.rows(sample)

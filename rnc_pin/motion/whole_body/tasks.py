@@ -23,7 +23,8 @@ from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.rows import ConstantRows, OutputKind, OutputStack
 from rnc_pin.motion.whole_body.limits.control_limit import ControlSample
-from rnc_pin.outputs import CenterOfMass, FramePosition, FrameYaw
+from rnc_pin.outputs import CenterOfMass, FramePosition, FrameYaw, JointPosition
+from rnc_pin.references.kinds import Hold
 from rnc_pin.references.reference import Reference
 
 _BASE_ACCELERATION = (2.0, 2.0, 2.0)  # of a base whose pivots are aimed [m/s^2, m/s^2, rad/s^2]
@@ -50,6 +51,7 @@ class BoundTask(ABC):
         names: name of each row, (k,).
         followed: outputs that follow a reference; None if there are none.
         reference: their reference.
+        output: the same rows as outputs that follow a reference; None for other rows.
         constant: True if the Jacobian on the full velocity does not depend on the configuration, as for joints, or if
             the rows are speeds without a position error: a sampled loop needs no damping then.
     """
@@ -57,6 +59,7 @@ class BoundTask(ABC):
     names: tuple[str, ...]
     followed: OutputStack | None = None
     reference: Reference
+    output: BoundOutput | None = None
     constant: bool = False
 
     @abstractmethod
@@ -147,31 +150,34 @@ class OutputTask(ControlTask):
     reference: Reference
 
     def bind(self, reduced: ReducedModel) -> BoundOutput:
-        return BoundOutput(self, self.output, self.reference, reduced)
+        return BoundOutput(self, [self.output], self.reference, reduced)
 
 
 class BoundOutput(BoundTask):
-    """Output that follows a reference, for one model; ``TaskStack`` evaluates all of them together.
+    """Outputs that follow a reference, for one model; ``TaskStack`` evaluates those of all tasks together.
 
     Args:
         task: the task, which has the gain.
-        output: the output.
-        reference: its reference.
+        outputs: the outputs.
+        reference: their reference.
         reduced: the model.
 
     Attributes:
-        block: rows of the output.
-        reference: its reference.
+        blocks: rows of each output.
+        reference: their reference.
         gain: rate of convergence of each row (k,) [1/s]; zero for a quasi-velocity.
     """
 
-    def __init__(self, task: ControlTask, output: OutputKind, reference: Reference, reduced: ReducedModel) -> None:
-        self.block, self.reference = output.bind(reduced.robot), reference
-        self.names, self.followed = self.block.names, OutputStack([self.block])
-        self.constant = isinstance(self.block, ConstantRows) or self.block.quasi
+    def __init__(
+        self, task: ControlTask, outputs: Sequence[OutputKind], reference: Reference, reduced: ReducedModel
+    ) -> None:
+        self.blocks, self.reference = [each.bind(reduced.robot) for each in outputs], reference
+        self.followed = stack = OutputStack(self.blocks)
+        self.names, self.output = stack.names, self
+        self.constant = all(isinstance(block, ConstantRows) or block.quasi for block in self.blocks)
         check_size(reference, len(self.names), f"'{', '.join(self.names)}'")
         # A quasi-velocity has no position, so its gain has no effect.
-        self.gain = task.numbers("gain", task.gain, len(self.names)) * (not self.block.quasi)
+        self.gain = task.numbers("gain", task.gain, len(self.names)) * ~stack.quasi
         self._together = OutputsTogether([self], reduced)
 
     def rows(self, sample: ControlSample) -> TaskRows:
@@ -188,10 +194,15 @@ class OutputsTogether:
     """
 
     def __init__(self, tasks: Sequence[BoundOutput], reduced: ReducedModel) -> None:
-        self._reduced, self._stack = reduced, OutputStack([task.block for task in tasks])
+        self._reduced, self._stack = reduced, OutputStack([block for task in tasks for block in task.blocks])
         stops = np.cumsum([0, *(len(task.names) for task in tasks)]).tolist()
-        self._references = [(task.reference, slice(*part)) for task, part in zip(tasks, pairwise(stops), strict=True)]
-        self._gain = np.concatenate([task.gain for task in tasks])
+        placed = [(task.reference, slice(*part)) for task, part in zip(tasks, pairwise(stops), strict=True)]
+        # Positions and rates of goals that never change are written once.
+        self._held, self._gain = np.zeros((2, 1, stops[-1])), np.concatenate([task.gain for task in tasks])
+        for reference, where in placed:
+            if isinstance(reference, Hold):
+                self._held[0, :, where] = reference.at(0.0).position
+        self._references = [(reference, where) for reference, where in placed if not isinstance(reference, Hold)]
 
     @cached_property
     def _evaluator(self) -> Evaluator:
@@ -200,7 +211,8 @@ class OutputsTogether:
     def rows(self, *samples: ControlSample) -> tuple[Float[Array, "s k nv"], Float[Array, "s k"]]:
         """Return the rows of all tasks at the ends of samples, and their rates."""
         k, coordinates = len(self._gain), self._stack.coordinates
-        J, (desired, rate, found) = np.empty((len(samples), k, self._reduced.n)), np.empty((3, len(samples), k))
+        J, points = np.empty((len(samples), k, self._reduced.n)), np.empty((3, len(samples), k))
+        points[:2], (desired, rate, found) = self._held, points
         for i, sample in enumerate(samples):
             found[i] = self._evaluator.vertical_outputs(sample.end, J[i])
             for reference, where in self._references:
@@ -234,7 +246,7 @@ class CenterOfMassTask(ControlTask):
 
     def bind(self, reduced: ReducedModel) -> BoundOutput:
         check_size(self.reference, len(self.axes), "centre-of-mass")
-        return BoundOutput(self, CenterOfMass(self.axes), self.reference, reduced)
+        return BoundOutput(self, [CenterOfMass(self.axes)], self.reference, reduced)
 
 
 @dataclass(frozen=True)
@@ -393,13 +405,13 @@ class _BoundPosture(BoundTask):
         self.names = tuple(f"{name} posture" for name in self._joints)
         self._model, self._gain = robot.model, task.numbers("gain", task.gain, len(indices))
         self._jacobian, self._v = np.eye(reduced.n)[indices], as_slice(np.array(indices))
-        self._numbers = self._goal[self._v] if robot.nq == robot.nv else None
+        # Joints with one number each are outputs: those of all tasks are evaluated in one call.
+        if all(robot.model.joints[robot.joint_id(name)].nv == 1 for name in task.joints):
+            outputs = [JointPosition(name) for name in task.joints]
+            self.output = BoundOutput(task, outputs, Hold(list(task.joints.values())), reduced)
 
     def rows(self, sample: ControlSample) -> TaskRows:
-        q = sample.end.q
-        if self._numbers is not None:  # no joint has angles: positions are real numbers
-            return TaskRows(self._jacobian, self._gain * (self._numbers - q[self._v]))
-        error = pin.difference(self._model, q, self._goal)[self._v]  # angles take the shortest way
+        error = pin.difference(self._model, sample.end.q, self._goal)[self._v]  # angles take the shortest way
         return TaskRows(self._jacobian, self._gain * error)
 
     def errors(self, time: float, position: PositionKinematics, v: Float[Array, " nv"]) -> dict[str, float]:

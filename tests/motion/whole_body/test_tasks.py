@@ -8,7 +8,7 @@ import rnc_pin as rnc
 from driven import drive
 from rnc_pin.control import ControlSample, VelocityQP, tasks
 from rnc_pin.motion.planning import Hold, MinimumJerk
-from rnc_pin.motion.whole_body.task_hierarchy import MotionMetric
+from rnc_pin.motion.whole_body.task_hierarchy import MotionMetric, TaskStack
 from systems import free_flying_panda, mecanum, mobile_manipulator, random_states, spinning_space_robot, tiago
 
 DT, GAIN, DURATION = 0.005, 2.0, 1.0
@@ -116,6 +116,20 @@ def test_away_from_singular_configurations_is_the_gradient_of_the_determinant(sy
     rows = tasks.SingularityTask(gain=0.4).bind(reduced).rows(ControlSample(reduced, 0.0, q, v2, 0.0))
     np.testing.assert_allclose(rows.jacobian @ R, np.eye(reduced.r), atol=1e-9)
     np.testing.assert_allclose(rows.rate, want, atol=1e-7 * (1 + np.abs(want).max()))
+
+
+def test_a_posture_among_outputs_of_other_tasks_has_its_own_rows():
+    reduced = tiago()
+    (q, v2), *_ = random_states(reduced, 1, seed=4)
+    goals = {"wheel_left_joint": 9.0, "arm_2_joint": -0.4}  # the wheel takes the shortest way
+    posture = tasks.PostureTask(goals, gain=[2.0, 3.0], weight=0.1)
+    path = MinimumJerk([0.0, 1.0], [2.0, 0.5], 1.0)
+    point = tasks.OutputTask(rnc.FramePosition("arm_7_link", "xy"), path, gain=4.0)
+    sample = ControlSample(reduced, 0.3, q, v2, 0.02)
+    found = TaskStack([posture, point], reduced, 0, MotionMetric(reduced)).rows(sample)
+    alone = zip(*(task.bind(reduced).rows(sample) for task in (posture, point)), strict=True)
+    for (together,), own in zip(found, alone, strict=True):
+        np.testing.assert_allclose(together, np.concatenate(own), atol=1e-12)
 
 
 def test_a_lower_level_changes_nothing_above():
