@@ -83,7 +83,13 @@ class CompiledRuns:
         status[:] = sizes < limit
 
     def integrate(
-        self, charts: tuple[object, ...], start: RunStarts, h: float, steps: int, losses: Dissipation | None = None
+        self,
+        charts: tuple[object, ...],
+        start: RunStarts,
+        h: float,
+        steps: int,
+        losses: Dissipation | None = None,
+        end: Array | None = None,
     ) -> tuple[Array, Array, Array, Array]:
         """States (B, nq) and (B, s) after equal steps, status (B,), roughness (B,), which may be infinite with losses.
 
@@ -93,28 +99,20 @@ class CompiledRuns:
             h: duration of each step [s].
             steps: number of steps.
             losses: damping and dry friction, as ``DissipativeStep.advance``; None for Runge-Kutta steps without them.
+            end: array for the states y at the end; a new one by default.
         """
-        return self._integrated(charts, start, (h, steps), losses, np.empty_like(start.y))
+        q, y, T, kinematics = start
+        found = np.empty_like(q), np.empty_like(y) if end is None else end, np.zeros(len(q)), np.zeros(len(q))
+        self._calls.integrate(charts, q, y, T, h, steps, kinematics, *found, None, *(losses or (None, None, None)))
+        return found
 
     def friction(
         self, charts: tuple[object, ...], start: RunStarts, h: float, losses: Dissipation
     ) -> tuple[Array, Array]:
         """Generalized forces (B, nv) of dry friction during a step, and status (B,); arguments as of ``integrate``."""
-        found = np.empty((len(charts), self._kernel.data.n))
-        return self._integrated(charts, start, (h, 0), losses, found)[1:3]
-
-    def _integrated(
-        self,
-        charts: tuple[object, ...],
-        start: RunStarts,
-        steps: tuple[float, int],
-        losses: Dissipation | None,
-        y_end: Array,
-    ) -> tuple[Array, Array, Array, Array]:
-        q, y, T, kinematics = start
-        found = np.empty_like(q), y_end, np.zeros(len(q)), np.zeros(len(q))
-        self._calls.integrate(charts, q, y, T, *steps, kinematics, *found, None, *(losses or (None, None, None)))
-        return found
+        # Of no steps, the kernel writes forces in place of the states y.
+        forces = np.empty((len(charts), self._kernel.data.n))
+        return self.integrate(charts, start, h, 0, losses, forces)[1:3]
 
     def measure(self, q: Array, v: Array, kinematics: Array, status: Array) -> RunRecords:
         """Quantities of states (q, v) with records of kinematics.

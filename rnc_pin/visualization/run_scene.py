@@ -238,7 +238,6 @@ class RunScene:
         return found
 
     def _tracks(self, first: DrawnState) -> list[e.Element]:
-        # Tracks lie on the grid; without one there is no height for them.
         if self.ground is None:
             return []
         entry = e.LayerEntry("wheel tracks", "tracks", e.GREY)

@@ -1,7 +1,5 @@
 """Damping of any size and dry friction with stiction: against closed forms and finely integrated smooth laws."""
 
-import copy
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -14,7 +12,7 @@ from rnc_pin.plants import ReducedPlant
 from rnc_pin.plants.constrained_dynamics import RunStarts, runs_of
 from rnc_pin.plants.friction import INSTANT, _least_energy
 from simple_controllers import Inputs
-from systems import floating_robot, mobile_manipulator
+from systems import floating_robot
 
 MASS = 2.0
 DAMPED, RUBBED = {"joint_damping": True}, {"joint_friction": True}
@@ -44,14 +42,15 @@ def test_damping_of_any_size_gives_the_closed_form(damping):
     np.testing.assert_allclose(run.energy - run.work, run.energy[0], atol=1e-7)
 
 
-def damped_manipulator(damping):
-    reduced = mobile_manipulator()
+def manipulator(damping=0.0, friction=0.0):
+    """Model whose joints have losses, a damping for both or one each, and a bent configuration."""
     robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
-    robot.model.damping = np.array([0.0, 0.0, 0.0, *damping])
+    robot.model.damping = np.r_[np.zeros(3), damping * np.ones(2)]
+    robot.model.upperDryFrictionLimit = np.r_[np.zeros(3), friction * np.ones(2)]
     drives = [rnc.FrameForce("base", "x"), rnc.FrameTorque("base", "z"), "joint_1", "joint_2"]
     system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")], drives)
     kinds = [rnc.FrameSpeed("base"), rnc.FrameYaw("base"), rnc.JointPosition("joint_1"), rnc.JointPosition("joint_2")]
-    return system.reduce(kinds), reduced.robot.configuration({"joint_1": 0.4, "joint_2": 1.2})
+    return system.reduce(kinds), robot.configuration({"joint_1": 0.4, "joint_2": 1.2})
 
 
 V2, PUSH = np.array([0.5, 0.4, 0.5, -0.6]), np.array([2.0, 1.0, -0.5, 0.3])
@@ -59,7 +58,7 @@ V2, PUSH = np.array([0.5, 0.4, 0.5, -0.6]), np.array([2.0, 1.0, -0.5, 0.3])
 
 def test_moderate_damping_keeps_the_order_four():
     """Beside an adaptive method of order eight."""
-    (reduced, q0), errors = damped_manipulator([3.0, 2.0]), []
+    (reduced, q0), errors = manipulator(np.array([3.0, 2.0])), []
     exact = rnc.free_motion(ReducedPlant(reduced, **DAMPED), q0, V2, 0.5, 0.5, PUSH)
     for count in (16, 32, 64):
         plant = ReducedPlant(reduced, **DAMPED)
@@ -126,9 +125,8 @@ def test_wheels_that_friction_stops_do_not_creep_or_swing(dt):
 
 
 def test_friction_agrees_with_a_steep_smooth_law_that_is_integrated_finely():
-    reduced, q0 = damped_manipulator([0.0, 0.0])
     limit, duration, width = 0.4, 1.5, 1e-5
-    reduced.robot.model.upperDryFrictionLimit = np.r_[np.zeros(3), limit, limit]
+    reduced, q0 = manipulator(friction=limit)
     push = lambda t: np.array([1.5 * np.cos(4 * t), 0.3, -0.9 * np.sin(3 * t), 0.35])  # noqa: E731
     dt, plant = 0.01, ReducedPlant(reduced, **RUBBED)
     plant.reset(q0, reduced.at(q0, V2).v)
@@ -190,14 +188,9 @@ def test_forces_of_least_energy_are_those_of_a_bounded_least_squares_program():
 def test_the_kernel_takes_the_steps_of_numpy(effects):
     """States from fast to nearly at rest, with stops within the step; rows that say the same are left to NumPy."""
     damping, joints = effects
-    robot = copy.deepcopy(mobile_manipulator().robot)
-    robot.model.damping = np.r_[np.zeros(3), damping * np.ones(2)]
-    robot.model.upperDryFrictionLimit = np.r_[np.zeros(3), joints * np.ones(2)]
-    drives = [rnc.FrameForce("base", "x"), rnc.FrameTorque("base", "z"), "joint_1", "joint_2"]
-    reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")], drives).reduce()
+    reduced, q0 = manipulator(*effects)
     plant = ReducedPlant(reduced, joint_damping=damping > 0.0, joint_friction=joints > 0.0)
-    step, q0 = plant._dissipative, robot.configuration({"joint_1": 0.4, "joint_2": 1.2})
-    generator = np.random.default_rng(2)
+    step, generator = plant._dissipative, np.random.default_rng(2)
     losses, compared, stopped = step.losses, 0, 0
     for _ in range(20):
         v = reduced.at(q0, 10.0 ** generator.uniform(-3.0, 0.3) * generator.standard_normal(reduced.r)).v

@@ -5,6 +5,13 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.motion.planning import Hold, TaskReference
+from rnc_pin.simulation.preflight import _least_time_scale
+
+
+@pytest.mark.parametrize(("gravity", "inertia", "scale"), [(0.0, 4.0, 2.0), (0.5, 2.0, 2.0), (1.2, 1.0, np.inf)])
+def test_slower_motions_need_the_share_of_gravity_and_less_of_inertia(gravity, inertia, scale):
+    found = _least_time_scale(lambda s: gravity + inertia / s**2, np.sqrt(gravity + inertia))
+    assert found == pytest.approx(scale, rel=1e-6)
 
 
 def test_preflight_watches_the_smallest_singular_value_of_a_square_a4():

@@ -17,6 +17,7 @@ def test_drift_is_the_energy_that_no_work_explains():
     run = rnc.simulate(reduced, push, q0, duration=0.5, dt=0.01)
     exchanged = np.ptp(run.energy)
     assert exchanged > 1e-3
+    assert run.constraint_residual.max() < 1e-9
     assert summarize(run)["energy_drift"] < 1e-9  # though its energy is not what it was
     lost = 0.25 * exchanged * np.linspace(0, 1, len(run.time)) ** 2
     assert summarize(replace(run, work=run.work + lost))["energy_drift"] == pytest.approx(0.25, abs=1e-9)
