@@ -217,8 +217,8 @@ class SetPointController(DescribedMixin):
             state = self._learned(dt, v2, state)
         state = self._next(t, now, v2, state)._replace(time=t)
         if state.mode == "follow":
-            u = self._followed(t, dt, now, state)
             desired, k = self._planned(t, state)
+            u = self._followed(t, dt, now, state, desired, k)
             v2_desired = desired.w[0] if self._model.nw else state.u[k]
         else:
             state, u = self._held(dt, now, v2, state)
@@ -319,9 +319,8 @@ class SetPointController(DescribedMixin):
         """State of the plan at a time, and its interval."""
         return self._model.during(Nodes(state.q, state.w), state.u, state.h, t - state.begin)
 
-    def _followed(self, t: float, dt: float, now: Nodes, state: SetPointState) -> Array:
-        """Input with feedback along the plan, within its bounds, for a sample of the duration dt."""
-        planned, k = self._planned(t, state)
+    def _followed(self, t: float, dt: float, now: Nodes, state: SetPointState, planned: Nodes, k: int) -> Array:
+        """Input with feedback along the plan and its interval k, within bounds, for a sample of the duration dt."""
         w = np.empty((1, 0)) if self.velocities else planned.w
         u = state.gains[k] @ self._driven.difference(Nodes(planned.q, w), now)[0]
         if self.velocities:
@@ -346,8 +345,11 @@ class SetPointController(DescribedMixin):
         K, state = len(state.u), state._replace(bias=zeros, lack=zeros)  # the bias balances what the model lacks
         try:
             while t < state.begin + K * state.h - 1e-9:
-                until = state.begin + (self._planned(t, state)[1] + 1) * state.h
-                u = self._followed((t + until) / 2 if self.velocities else t, until - t, now, state)
+                planned, k = self._planned(t, state)
+                until = state.begin + (k + 1) * state.h
+                if self.velocities:
+                    planned, k = self._planned((t + until) / 2, state)
+                u = self._followed(t, until - t, now, state, planned, k)
                 now, t = self._driven.step(now, u[None], np.array([until - t])), until
                 if self._excess(t, now) > self.tube:
                     return np.inf
