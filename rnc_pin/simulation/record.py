@@ -147,7 +147,8 @@ class Record:
         # One call for all columns: samples are recorded while the loop waits.
         row[0], row[1] = t, report.work
         np.concatenate((state.q, state.v, state.v2, x1, x2, state.v1, T, integrals, *goals), out=row[2:])
-        stated = ([*getattr(report, name).values()] for name in _STATED)
+        # None for an empty list: to ask NumPy for four sizes takes as long as recording the rest.
+        stated = [[*getattr(report, name).values()] or None for name in _STATED]
         optional = command.estimates, command.prediction_error, v_measured, *stated
         for name, value in zip(_OPTIONAL, optional, strict=True):
             # Most plants and controllers tell nothing here: their runs have arrays without columns.
