@@ -129,6 +129,7 @@ class ActuatorVelocityController(ReprMixin):
             raise InputError(
                 f"step of a kinematic controller has to return a VelocityTarget, found {type(target).__name__}"
             )
+        # Servos hold the velocity: the mean over the sample moves the robot as far as the planned change.
         v2 = np.asarray(target.v2 if target.v2_held is None else target.v2_held, dtype=float)
         if v2.shape[-1:] != (self._reduced.r,):
             raise InputError(f"the v2 of a target has shape {v2.shape}, expected (..., {self._reduced.r})")
@@ -164,6 +165,7 @@ def velocity_from_actuators(at: ConfigurationEvaluation, u: np.ndarray) -> np.nd
     # A basis of the admissible velocities that needs no outputs: those may be singular here.
     left, values, right = np.linalg.svd(at.A)
     rank = int((values > _RANK * values[0]).sum()) if len(values) else 0
+    # The least velocity with A v = mu, from the same factors; the basis adds what the rows leave free.
     offset = right[:rank].T @ ((left[:, :rank].T @ at.mu) / values[:rank])
     basis = right[rank:].T
     return offset + basis @ np.linalg.lstsq(at.B.T @ basis, u - at.B.T @ offset, rcond=_RANK)[0]
@@ -211,6 +213,7 @@ def velocity_limits(reduced: ReducedModel, limits: bool | np.ndarray) -> np.ndar
     try:
         given = np.array(limits, dtype=float)
     except (TypeError, ValueError):
+        # A size that no model has: all wrong values get the same message.
         given = np.empty(0)
     if given.shape != (reduced.n,) or not (given > 0).all():
         raise ConfigurationError(f"velocity limits have to be {reduced.n} positive numbers, found {limits!r}")
@@ -375,6 +378,7 @@ class WheelOdometry(ReprMixin):
         robot = reduced.robot
         known = [k for name in self.measured for k in range(robot.nv)[robot.velocity_indices(name)]]
         self._known = np.array(known, dtype=int)
+        # Joints without encoders are unknowns beside the twist, such as those of casters.
         self._hidden = np.setdiff1d(np.arange(reduced.n), [*self.base.base, *self._known])
         self._validator = ConfigurationValidator(robot)
         generator = np.random.default_rng(0)

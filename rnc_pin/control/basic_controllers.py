@@ -49,6 +49,7 @@ class ZeroInput(DescribedMixin):
     """
 
     def __init__(self, reduced: ReducedModel) -> None:
+        # One array for all samples, so nobody may write into it.
         self.inputs = np.zeros(reduced.p)
         self.inputs.setflags(write=False)
 
@@ -105,6 +106,7 @@ class ComputedTorque(DescribedMixin):
     def step(self, t: float, measurement: Measurement, state: object) -> tuple[Command, object]:
         target, state = self.target.step(t, measurement, state)
         rate = target.v2_dot + self.k * (target.v2 - measurement.v2)
+        # H a + V v2 + G in one call: the reduced force of the wanted acceleration.
         F = self._reduced.evaluator.inverse_dynamics(measurement.q, measurement.v2, rate, t)
         return command_towards(target, F), state
 
@@ -151,6 +153,7 @@ class StateFeedback(ReprMixin):
         self._coordinates = reducing.coordinates.choose(self._of)
         quasi = [reducing.quasi[i] for i in self._of]  # they have their own names, unless coordinates have these
         rates = [n if quasi[k] and f"{n}_dot" not in states else f"{n}_dot" for k, n in enumerate(self.outputs)]
+        # A quasi-velocity has no coordinate: only its rate can be a state.
         values = ["" if quasi[k] else name for k, name in enumerate(self.outputs)]
         self._values = [(k, states.index(name)) for k, name in enumerate(values) if name in states]
         self._rates = [(k, states.index(name)) for k, name in enumerate(rates) if name in states]
@@ -193,6 +196,7 @@ class StateFeedback(ReprMixin):
                 x[place] = -seen.error_rate[k]
             known = [k for k, _ in self._values]  # for the other outputs only the rate matters
             x2_desired = goals_at(point.position[known], of[known], v2.shape)
+            # A copy: the linearization keeps its own.
             v2_desired = linear.v2.copy()
             v2_desired[of] = seen.velocity
         return Command(T=linear.T - self.K @ x, v2_desired=v2_desired, x2_desired=x2_desired), None
@@ -246,6 +250,7 @@ class ReducingOutputController(DescribedMixin):
     def step(self, t: float, measurement: Measurement, state: None = None) -> tuple[VelocityTarget, None]:
         desired = self.reference.at(t)
         x1 = None
+        # For the record only: no rate depends on x1 here.
         if self.monitored is not None:
             x1 = goals_at(self.monitored[1].at(t).position, self.monitored[0], measurement.x1.shape)
         v2, v2_dot = self._feedback(desired, measurement.x2, measurement.v2)

@@ -97,14 +97,17 @@ class JacobianTransposeController(DescribedMixin):
         drive = (here.J2 @ here.B)[..., self.tracker.outputs, :][..., self._active]
         T = np.zeros((*command.F.shape[:-1], self._reduced.p))
         T[..., self._active] = apply_transposed(drive, command.F)
+        # As T: an allocation of F would use the actuators that are off.
         return command._replace(F=None, T=T), state
 
 
 def _places(reduced: ReducedModel, active: Sequence[str], outputs: np.ndarray) -> np.ndarray:
     places = [place_of(name, reduced.actuation.names, "no actuator") for name in active]
     twice = [name for name in dict.fromkeys(active) if list(active).count(name) > 1]
+    # It would count as two actuators below.
     if twice:
         raise ConfigurationError(f"active actuator '{twice[0]}' is named twice")
+    # k forces F21 need k inputs at least, or J21 B has no full rank.
     if len(active) < len(outputs):
         raise ConfigurationError(f"{len(active)} active actuators cannot drive {len(outputs)} outputs")
     return np.array(places, dtype=int)
@@ -140,6 +143,7 @@ class SplitController(ReprMixin):
         self._parts = [(controller, np.asarray(outputs, dtype=int)) for controller, outputs in parts]
         self._r = r
         places = np.concatenate([outputs for _, outputs in self._parts])
+        # An output of no part would get no force, and one of two parts that of the last part.
         if sorted(places.tolist()) != list(range(r)):
             raise ConfigurationError(
                 f"the parts command outputs {sorted(places.tolist())}, expected each of 0 to {r - 1} once"
@@ -172,6 +176,7 @@ class SplitController(ReprMixin):
                 v2[..., outputs] = command.v2_desired
             if command.x2_desired is not None:
                 x2[..., outputs] = command.x2_desired
+            # Every part sees all vertical outputs: the first one with goals tells them.
             x1 = command.x1_desired if x1 is None else x1
         return Command(F=F, v2_desired=v2, x1_desired=x1, x2_desired=x2), tuple(states)
 
@@ -180,6 +185,7 @@ class SplitController(ReprMixin):
 
 
 def _part(measurement: Measurement, outputs: np.ndarray) -> Measurement:
+    # A part whose actuators are saturated stops learning; the others go on.
     deficit = measurement.force_deficit
     return measurement._replace(
         x2=measurement.x2.take(outputs, axis=-1),
@@ -245,9 +251,11 @@ class UncertainController(ReprMixin):
         return UncertainState(state, self.controller.initial_state(seen))
 
     def step(self, t: float, measurement: Measurement, state: UncertainState) -> tuple[Command, UncertainState]:
+        # The estimates first, so that the law (16) of this sample has them.
         learnt, error = self.estimator.step(t, measurement, state.estimator)
         estimate = self.estimator.model.at(measurement.q, measurement.v2)
         command, inner = self.controller.step(t, with_estimated_kinematics(measurement, estimate), state.controller)
+        # Allocated here: the loop would allocate by the true R^T B, which depends on the unknown parameters.
         if command.F is not None:
             command = command._replace(F=None, T=estimate.allocate(command.F))
         return command._replace(estimates=learnt.p, prediction_error=error), UncertainState(learnt, inner)

@@ -167,6 +167,7 @@ def listed(values: object) -> Json:
     Args:
         values: number or array.
     """
+    # Python's numbers: JSON cannot store those of NumPy.
     numbers: Json = np.asarray(values).tolist()
     return numbers
 
@@ -188,6 +189,7 @@ class DescribedMixin(ReprMixin):
 def _setting(value: object) -> Json:
     if value is None or isinstance(value, bool | int | float | str | tuple | np.ndarray):
         return listed(value)
+    # Objects among the settings describe themselves, such as gains and a target.
     return dict(describe(value))
 
 
@@ -218,6 +220,7 @@ def check_target(target: object) -> None:
     Args:
         target: object that a user gave.
     """
+    # A class has the methods too, so the protocol alone would take it.
     if isinstance(target, type) or not isinstance(target, KinematicController):
         raise ConfigurationError(
             "target: expected a kinematic controller, such as "
@@ -248,6 +251,7 @@ def elapsed_time(t: float, last: float | None) -> float:
     Raises:
         InputError: time runs backwards.
     """
+    # Adaptation integrates over this time: a first sample learns nothing.
     if last is None:
         return 0.0
     if t < last:
@@ -263,6 +267,7 @@ def goals_at(values: np.ndarray, where: np.ndarray | slice, shape: tuple[int, ..
         where: indices of these outputs.
         shape: shape of all outputs.
     """
+    # Plots and errors of a run leave NaN out; a zero would be a goal.
     whole = np.full(shape, np.nan)
     whole[..., where] = values
     return whole
@@ -365,6 +370,7 @@ def nested(whole: object) -> Iterator[object]:
     Args:
         whole: controller or state.
     """
+    # A state has the path of its controller: the state of an inner one is found by the same steps.
     yield whole
     while isinstance(whole, Nesting):
         whole = whole.target
@@ -392,6 +398,7 @@ def findings_of(controller: object, state: State, samples: int) -> tuple[Finding
         state: its state.
         samples: number of its steps.
     """
+    # All of them: each one knows its own steps only.
     judging = (each for each in nested(controller) if isinstance(each, SelfJudging))
     return tuple(finding for each in judging for finding in each.findings(state, samples))
 

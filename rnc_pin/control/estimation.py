@@ -213,8 +213,7 @@ def adapt(
         dead_zone: error that is ignored; a number or one for each entry.
     """
     step = gain * elapsed
-    has_zone = bool(dead_zone) if isinstance(dead_zone, float) else bool(np.any(dead_zone))
-    beyond = apply_dead_zone(error, dead_zone) if has_zone else error
+    beyond = apply_dead_zone(error, dead_zone)
     # Implicit Euler: p moves at most to where the error is zero, whatever alpha and the period are.
     correction = solve(np.eye(len(error)) + step * W @ W.T, step * beyond).dot(W)
     return np.minimum(np.maximum(p + correction, low), high)
@@ -274,6 +273,7 @@ class Estimator(ReprMixin):
         if self.initial.shape != (size,):
             raise ConfigurationError(f"{self.initial.size} initial estimates for {size} unknown parameters")
         self._low, self._high = (_one_each(bound, size) for bound in bounds)
+        # Masses, radii and tracks: the estimated model has to be a robot at any of them.
         if not ((self._low > 0) & (self._low < self._high)).all():
             raise ConfigurationError(f"bounds of estimates have to be positive and in order, found {tuple(bounds)}")
         outside = np.flatnonzero((self.initial < self._low) | (self.initial > self._high))
@@ -299,6 +299,7 @@ class Estimator(ReprMixin):
 
     def initial_state(self) -> EstimatorState:
         """Return the first estimates; ``model`` has them too."""
+        # A second run starts here again, whatever the last one has learnt.
         self._use(self.initial)
         return EstimatorState(None, self.initial)
 
@@ -320,6 +321,7 @@ class Estimator(ReprMixin):
         y, Y = self.regressor.regress(measurement.q, measurement.v)
         error = y - Y @ state.p
         p = state.p
+        # Without adaptation the step is zero, and solving for it only takes time.
         if self.alpha > 0:
             p = adapt(p, Y, error, self.alpha, elapsed, self._low, self._high, self.dead_zone)
         self._use(p)

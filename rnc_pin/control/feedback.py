@@ -114,6 +114,7 @@ class Feedback:
         """Return both sums (..., k) for outputs (..., k) and their rates (..., k)."""
         seen = deviation(self._coordinates, desired, actual, rate)
         v2 = seen.velocity + fed_back(self._gain, seen.error, actual)
+        # The rate of v2, without a measured acceleration.
         return v2, seen.acceleration + self._gain * seen.error_rate
 
 
@@ -138,6 +139,7 @@ def apply_dead_zone(error: Float[Array, "*batch k"], zone: float | Array) -> Flo
         error: measured errors.
         zone: half width of the zone, not negative; a number, or one for each entry (k,).
     """
+    # What the clip keeps is the part that noise may have caused.
     return error - np.clip(error, -np.asarray(zone), zone)
 
 
@@ -148,4 +150,5 @@ def saturation_mask(deficit: Float[Array, "*batch k"], added: Float[Array, "*bat
         deficit: commanded minus applied force at the last sample.
         added: next change of the learnt force, or any quantity with the same sign.
     """
+    # The deficit has the sign of the missing force: a change with this sign is windup.
     return np.asarray(deficit * added > 0.0)

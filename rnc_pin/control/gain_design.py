@@ -103,6 +103,7 @@ class TrackerGains:
 
     def describe(self) -> Description:
         """Return the gains by name; dead zone and modes only if there are some."""
+        # The paper has neither.
         optional = ("dead_zone", "modes")
         return {name: listed(value) for name, value in vars(self).items() if name not in optional or np.any(value)}
 
@@ -330,6 +331,7 @@ def inertia_of_outputs(H: np.ndarray) -> TypicalInertia:
     entries = np.einsum("...ii->...i", H).reshape(-1, H.shape[-1])
     # The geometric mean is as far from the least as from the largest, in ratios: the window is symmetric.
     diagonal = np.sqrt(entries.min(axis=0) * entries.max(axis=0))
+    # Ratios to the typical inertia: 1 is typical, whatever the units.
     scale = np.sqrt(diagonal)
     return TypicalInertia(diagonal, None, np.linalg.eigvalsh(H / np.multiply.outer(scale, scale)))
 
@@ -364,6 +366,7 @@ def fastest_rate(dt: float, delay: float) -> float:
         dt: sampling period.
         delay: time from a measurement to its force, without sampling.
     """
+    # The hold and the age of the feedback each bound the rate; the smaller bound counts.
     return min(MAX_RATE_TIMES_PERIOD / dt, MAX_RATE_TIMES_DELAY / (delay + dt / 2))
 
 
@@ -384,6 +387,7 @@ def gravity_loads(reduced: ReducedModel, configurations: np.ndarray, outputs: np
     forces = np.array([pin.computeGeneralizedGravity(model, data, q) for q in some])
     loads = apply_transposed(reduced.at(some).R, forces)
     lever = 1e-4  # [m] of the robot's weight above which gravity loads an output; for a slide, part of the weight
+    # 1e-6 N is rounding, for a robot whose model has no weight.
     return bool(np.abs(loads if outputs is None else loads[:, outputs]).max(initial=0.0) > max(lever * weight, 1e-6))
 
 

@@ -69,6 +69,7 @@ class RedundancyController(DescribedMixin):
         k21: float | np.ndarray = DEFAULT_OUTER_GAINS.k21,
         secondary: Secondary | None = None,
     ) -> None:
+        # (12) solves for v22: with fewer redundant than vertical outputs it has no solution.
         if not 0 < len(task.vertical) <= len(task.redundant):
             raise ConfigurationError(
                 f"the class-1 controller needs as many redundant as vertical outputs, found {len(task.redundant)} "
@@ -82,6 +83,7 @@ class RedundancyController(DescribedMixin):
         self._follow_primary = Feedback(task.primary_coordinates, k21)
         self._follow_vertical = Feedback(task.vertical_coordinates, k3)
         self._x1, self._x21, self._x22 = map(as_slice, (task.vertical, task.primary, task.redundant))
+        # A square A4 leaves nothing to choose.
         if secondary is not None and len(task.redundant) <= len(task.vertical):
             raise ConfigurationError(
                 "a secondary objective has no freedom left: needs more redundant than vertical outputs, found "
@@ -131,6 +133,7 @@ class RedundancyController(DescribedMixin):
         A4, A4_dot = (each[..., self._x1, :][..., self._x22] for each in (m.A_star, m.A_star_dot))
         if len(self.task.redundant) == len(self.task.vertical):
             v22 = self._solve(A4, wanted, m)
+            # The derivative of A4 v22 = wanted has the same matrix.
             return v22, self._solve(A4, wanted_dot - apply(A4_dot, v22), m)
         z = z_dot = np.zeros(len(self.task.redundant))
         if self.secondary is not None:
@@ -157,6 +160,7 @@ class RedundancyController(DescribedMixin):
         raise SingularityError(
             "redundant outputs cannot move the vertical ones (A4 is singular)",
             q=np.zeros(0) if measurement.q is None else np.array(measurement.q[run]),
+            # A single number has the condition number 1, which says nothing: its inverse does.
             condition=float(condition_number(A4) if len(A4) > 1 else 1 / max(np.abs(A4).min(), 1e-300)),
             rows=(*self.task.vertical_names, *self.task.redundant_names),
         )
@@ -318,9 +322,11 @@ class SteeringController(DescribedMixin):
         task = self.task
         v21, v22_now = m.v2[..., task.primary], m.v2[..., task.redundant]
         A3, A3_dot = (each[..., task.vertical, :][..., task.primary] for each in (m.A_star, m.A_star_dot))
+        # By exact slopes of A_star: difference quotients would cost evaluations and digits.
         N = apply(slopes[..., task.vertical, :][..., task.primary], v21[..., None, :]).mT
         rate = apply(A3, v21)
         wanted, wanted_dot = self._follow_vertical(x11d, m.x1[..., task.vertical], rate)
+        # The rate of A3 v21 contains N v22 at the present steering rates. It is taken out: v22 is solved for.
         without = apply(A3_dot, v21) - apply(N, v22_now) + apply(A3, v21d_dot)
         right = wanted_dot + self.k4 * (wanted - rate) - without
         # Damped least squares: where N vanishes, at rest, the rates vanish instead of growing. For a single output they

@@ -186,6 +186,7 @@ class WheelRegressor:
         silent = 1e-9  # entries of Y below which a parameter does not enter a row
         told = np.abs(samples).max(axis=0) > silent
         for name, heard in zip(self.names, told.any(axis=0), strict=True):
+            # Its estimate would never change, and nothing would tell.
             if not heard:
                 raise ConfigurationError(f"no independent constraint row depends on the {name}")
         rows = iter(told.any(axis=1))
@@ -246,6 +247,7 @@ class WheelRegressor:
                 values[wheel.radius].append(float(radii[wheel.rows.wheel]))
             if wheel.axle is not None:
                 here = system.robot.model.jointPlacements[wheel.axle.joint].translation + wheel.axle.centre
+                # Twice the distance from the middle along the axle, whose unit vector is 2 side.
                 values[wheel.axle.column].append(float(2 * (2 * wheel.axle.side) @ (here - wheel.axle.middle)))
         # One parameter of several wheels has the mean of their values.
         return np.array([np.mean(each) for each in values])
@@ -261,6 +263,7 @@ class WheelRegressor:
     def _copy(self, reduced: ReducedModel) -> ParametrizedCopy:
         """Copies of the model and of the rolling rows, with unit radii and tracks."""
         model = reduced.robot.model.copy()
+        # Shallow copies are enough: only the radius of a row changes.
         blocks = [copy(rows) if isinstance(rows, RollingRows) else rows for rows, *_ in reduced.all_constraints.places]
         copies = {block.wheel: block for block in blocks if isinstance(block, RollingRows)}
         wheels = [(copies[wheel.rows.wheel], wheel.radius, wheel.axle) for wheel in self._unknown]
@@ -392,6 +395,7 @@ class MomentumRegressor:
             self._known.inertias[joint] = pin.Inertia.Zero()
         self._unit_inertias = [pin.Inertia.FromDynamicParameters(unit) for unit in self._unit]
         base_joint = robot.joint_id(base)
+        # Bodies that the base does not carry add nothing to its momentum.
         self._moved = [base_joint in list(robot.model.supports[joint]) for joint in self.joints]
         self._data = self._known.createData()
         known = pin.crba(self._known, self._data, robot.configuration())[self.rows, self.rows]

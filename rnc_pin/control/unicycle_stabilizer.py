@@ -93,6 +93,7 @@ class UnicycleStabilizer(DescribedMixin):
         ramp_time: float = 1.0,
         max_speed: tuple[float, float] = DEFAULT_OUTER_GAINS.max_speed,
     ) -> None:
+        # The angles have to decay before the distance: at the goal the line of sight has no direction.
         if not 0 < k < rate:
             raise ConfigurationError(f"a unicycle's stabiliser needs 0 < k < rate, found {k:g} and {rate:g}")
         if not (tolerance > 0 and ramp_time >= 0 and min(max_speed) > 0):

@@ -111,6 +111,7 @@ class VelocityTracker(DescribedMixin):
         Args:
             measurement: first measurement.
         """
+        # Nothing is known of the robot: zero gains leave the feedback k e_v alone at the start.
         *batch, r = np.shape(measurement.v2)
         return TrackerState(None, np.zeros((*batch, r, 1 + r + r * r)), self.target.initial_state(measurement))
 

@@ -78,6 +78,7 @@ class PiecewisePolynomial(ReferenceSummary):
         self._first, self._last = (Hold(self._at(t)[0]).at(t) for t in (begin, end))
 
     def at(self, t: float) -> ReferencePoint:
+        # Outside its times a polynomial goes on; the reference rests.
         if t < self._begin:
             return self._first
         if t >= self.duration:
@@ -86,6 +87,7 @@ class PiecewisePolynomial(ReferenceSummary):
 
     def _at(self, t: float) -> np.ndarray:
         """Value and three derivatives (4, k)."""
+        # The last piece contains its end too.
         piece = bisect_right(self._breaks, t, 1, len(self._pieces)) - 1
         terms, since = self._pieces[piece], t - self._breaks[piece]
         powers = [1.0]
@@ -217,6 +219,7 @@ class Harmonic(ReferenceSummary):
             return ReferencePoint(self._center, zero, zero, zero)
         waves = self._amplitudes * np.sin(self._rates * t + self._phases)
         if t < self._ramp:
+            # Until the ramp ends, each derivative has terms of the growth and of the wave.
             waves = (t**self._powers).dot(self._leibniz).reshape(4, 4).dot(waves)
         return ReferencePoint(self._center + waves[0], waves[1], waves[2], waves[3])
 
@@ -261,6 +264,7 @@ class Geodesic(ReferenceSummary):
         self.size, self.duration = self._whole.size, self._whole.duration
 
     def at(self, t: float) -> ReferencePoint:
+        # Copies: outside its times the motion returns the same arrays at each call.
         point = ReferencePoint(*(each.copy() for each in self._whole.at(t)))
         s, s_dot, s_ddot, _ = (float(each[0]) for each in self._share.at(t))
         for triple, R0, arc in self._turns:
@@ -313,6 +317,7 @@ class RelativeMinimumJerk(RelativeReference):
         goal = (
             _sized(self.to, coordinates) if self.by is None else coordinates.moved(start, _sized(self.by, coordinates))
         )
+        # Rotation vectors that change entry by entry would turn about an axis that moves.
         if coordinates.rotations:
             return Geodesic(start, goal, self.duration, coordinates, self.begin)
         return MinimumJerk(start, goal, self.duration, self.begin)
@@ -391,6 +396,7 @@ class RelativeCircle(RelativeReference):
             raise ConfigurationError("expected one of 'period' and 'speed'")
 
     def from_start(self, start: Float[Array, " k"], coordinates: Coordinates) -> Reference:
+        # Outputs beside the two of the plane have amplitude zero: they stay at their center.
         named = [place_of(name, coordinates.names, "circle.plane: no output") for name in self.plane]
         plane = named or list(range(len(start)))[:2]
         if len(plane) != 2 or len({*plane}) != 2:
@@ -398,6 +404,7 @@ class RelativeCircle(RelativeReference):
         # The first output is a cosine, by a phase of a quarter turn, the second a sine.
         amplitude, phase = np.zeros((2, len(start)))
         amplitude[plane], phase[plane[0]] = self.radius, np.pi / 2
+        # The speed along the circle is 2 pi times radius and frequency.
         rate = 1.0 / self.period if self.period else (self.speed or 0.0) / (2 * np.pi * self.radius)
         around = RelativeHarmonic(amplitude.tolist(), rate, phase.tolist(), self.center, self.ramp)
         return around.from_start(start, coordinates)

@@ -106,6 +106,7 @@ class Joined(ReferenceSummary):
     def __init__(self, references: Sequence[Reference]) -> None:
         self._parts = list(references)
         self.size = sum(part.size for part in self._parts)
+        # Outputs of parts that end earlier rest until the last one does.
         self.duration = max((part.duration for part in self._parts), default=0.0)
 
     def at(self, t: float) -> ReferencePoint:
@@ -132,4 +133,5 @@ class InTurn(ReferenceSummary):
         self.size, self.duration = self._parts[0].size, self._parts[-1].duration
 
     def at(self, t: float) -> ReferencePoint:
+        # The last part also holds the end.
         return next((part for part in self._parts if t < part.duration), self._parts[-1]).at(t)

@@ -128,6 +128,7 @@ class ControlLoop(ReprMixin):
         if self.settings.velocity == "measured":
             return None
         cutoff = 0.3 / self.dt if self.settings.cutoff is None else self.settings.cutoff
+        # A gap for the loop is one for the observer too. A timeout of zero is none: each sample would be a gap.
         return VelocityObserver(self.reduced.robot.model, cutoff, _TIME_TOLERANCE * max(self.timeout, _GAP * self.dt))
 
     # ------------------------------------------------------------------ a step
@@ -185,9 +186,11 @@ class ControlLoop(ReprMixin):
             q, v_valid, motion = self._validated(t, q, v)
         except InvalidMeasurementError as problem:
             return self._reject(t, str(problem), v)
+        # The estimate goes on even if the controller fails at this sample.
         self.state = self.state._replace(motion=motion)
         try:
             return self.compute_input(t, self._evaluated(t, q, v_valid), integrals).copy()
+        # Any error, also of a user's controller: an exception would leave the drives without a command.
         except Exception as error:
             if self.settings.fallback == "raise":
                 raise
@@ -224,6 +227,7 @@ class ControlLoop(ReprMixin):
                 time=t,
             )
         self.active_component = "the controller"
+        # The controller counts time from the first step: a clock may start anywhere.
         begin, own = (t if before.begin is None else before.begin), before.controller
         if before.begin is None and own is None:  # not prepared
             own = self._controller.initial_state(measurement)
@@ -246,6 +250,7 @@ class ControlLoop(ReprMixin):
         Raises:
             InputError: T is not p finite numbers.
         """
+        # Usually the plant applied the array of the last step: nothing to compare.
         if self.last is None or T is self.state.T:
             return
         T = own_vector(T, self.reduced.p, "T")
@@ -289,6 +294,7 @@ class ControlLoop(ReprMixin):
         if not is_number(t):
             raise InvalidMeasurementError(f"time is {t!r}, expected a finite number")
         elapsed = None if before.time is None else t - before.time
+        # The observer and the speed of q divide by this time.
         if elapsed is not None and elapsed <= 0:
             raise InvalidMeasurementError(f"time stands still or runs backwards: {t:g} s after {before.time:g} s")
         model = self.reduced.robot.model
@@ -331,6 +337,7 @@ class ControlLoop(ReprMixin):
         if not runs and before.invalid_since is not None:
             since -= self.dt  # the timeout elapses even if the clock stands still
         self.state = before._replace(invalid_since=since, fault=problem)
+        # Held at first: a single lost sample must not stop a robot that moves.
         if before.T is not None and not now - since > _TIME_TOLERANCE * self.timeout:
             return self._clipped(before.T)
         return self._fallback_input(v)
@@ -346,6 +353,7 @@ class ControlLoop(ReprMixin):
             T = self._clipped(self.state.T)
         elif self.settings.fallback == "brake":
             T = self._braking_input(v)
+        # The controller did not ask for these inputs, so none of its force is missing.
         self.state = self.state._replace(T=T, input_deficit=None)
         return T
 
@@ -358,6 +366,7 @@ class ControlLoop(ReprMixin):
         try:
             state = self._evaluated(self.state.time or 0.0, q, v)
             T = state.allocate(-self.settings.brake * np.diagonal(state.H) * state.v2)
+        # At a singular state no force brakes the outputs; the safe command must not fail.
         except (SingularityError, ConstraintError):
             return nothing
         return self._clipped(T)

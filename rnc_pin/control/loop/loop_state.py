@@ -210,6 +210,7 @@ def write_state(state: LoopState, path: Path) -> None:
     """
     arrays: dict[str, Array] = {}
     structure = json.dumps(_pack(state, arrays, "state"))
+    # Without pickle, so that reading a file executes nothing.
     with atomic_file(path) as partial, partial.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, **arrays, **{_STRUCTURE: np.array(structure)})
 

@@ -113,6 +113,7 @@ def admit_controller(controller: _T) -> _T:
     Raises:
         ConfigurationError: it is neither.
     """
+    # A class has both methods, so the protocol would take it: it gets a message of its own.
     if isinstance(controller, type):
         raise ConfigurationError(f"the controller is the class {controller.__name__}: pass an instance of it")
     if isinstance(controller, Controller):
@@ -130,10 +131,12 @@ def admit_limits(reduced: ReducedModel, limits: bool | Array) -> Array | None:
         ConfigurationError: not a boolean and not p non-negative numbers.
     """
     if isinstance(limits, bool):
+        # Infinite limits clip nothing: None saves a comparison in each step.
         return reduced.actuation.limits if limits and np.isfinite(reduced.actuation.limits).any() else None
     try:
         given = np.array(limits, dtype=float)
     except (TypeError, ValueError):
+        # NaN fails the comparison below, so all wrong values get the same message.
         given = np.full(1, np.nan)
     if given.shape != (reduced.p,) or not (given >= 0).all():
         raise ConfigurationError(f"limits of a loop have to be {reduced.p} non-negative numbers")
@@ -146,6 +149,7 @@ def check_number(option: str, value: object, zero: bool = False) -> None:
     Raises:
         ConfigurationError: names the option.
     """
+    # Infinity switches a limit off, but no loop has an endless period.
     endless = option != "dt" and isinstance(value, float | np.floating) and value == np.inf
     if endless or (is_number(value) and (value > 0 or (zero and value == 0))):
         return
@@ -182,6 +186,7 @@ def input_of(reduced: ReducedModel, state: StateEvaluation, command: Command) ->
         raise InputError(f"a command has to give either F or T, found {'neither' if F is None else 'both'}")
     if T is None:
         T = state.allocate(F)
+        # The model allocates blocks of forces too; a loop has one state at a time.
         if T.ndim > 1:
             raise InputError(f"the F of a command has shape {np.asarray(F).shape}, expected ({reduced.r},)")
         return T

@@ -59,6 +59,7 @@ class VelocityInputLoop(ControlLoop):
 
     def _braking_input(self, v: Array | None) -> Array:
         """Last velocities, after a decay over one sample."""
+        # The rows are linear in v: a share of an admissible velocity is admissible, without a model.
         last = self.state.T
         return np.zeros(self.reduced.p) if last is None else last * np.exp(-self.settings.brake * self.dt)
 
@@ -151,6 +152,7 @@ class VelocityLoop(VelocityInputLoop):
             RncError: an invalid measurement or an error of the controller, with ``fallback="raise"``.
         """
         if self._commanded:
+            # What was commanded last is what the drives do now.
             v = self._velocity(self.state.T)
         return self._command(super().step(t, q, v, integrals))
 
@@ -176,8 +178,10 @@ class VelocityLoop(VelocityInputLoop):
 
     def _twist(self, v: Array) -> BaseTwist | None:
         if self._base is None:
+            # The joint of the base has its twist as velocity; only other frames have a lever.
             return None if self._base_entries is None else BaseTwist(*v[list(self._base_entries)].tolist())
         q, model, data = self.state.q, self.reduced.robot.model, self._kinematics
+        # Before a valid measurement the command is zero, and so is the twist of any frame.
         if q is None:
             return BaseTwist(0.0, 0.0, 0.0)
         pin.forwardKinematics(model, data, q, v)
