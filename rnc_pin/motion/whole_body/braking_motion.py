@@ -27,8 +27,9 @@ from rnc_pin.motion.whole_body.whole_body_program import SampleCount
 
 _KEPT = 2e-7  # [rad, m, and per second] excess over a limit that is an error of the integration
 _REST = 1e-4  # [rad/s, m/s] speed that counts as rest: its inputs remove it within a sample
-_DECISIONS = 30  # of one motion, so that runs repeat
-_BUDGET, _PACE = 16, 3200.0  # decisions in a sample that may follow a kept motion instead: at least, and per second
+_DECISION, _CHECK = 8, 5  # time of a decision, and of a check beside its steps, in Runge-Kutta steps
+_EFFORT = 900  # of one motion, in such steps, so that runs repeat
+_BUDGET, _PACE = 175, 35e3  # of a sample that may follow a kept motion instead: at least, and per second
 _SMALL = 0.1  # speed of a joint that does not count, relative to the largest
 _PART = 0.5  # of the time in which the first joint stops: inputs are held that long
 _RESERVE = 1.1  # of the time in which efforts stop all joints
@@ -44,7 +45,7 @@ _SOLVED, _INFINITE = 1, 1e30  # of the solver
 _STEP = 0.01  # [s] Runge-Kutta step in shorter samples: motions err by 2e-7
 _COARSE, _DOUBT = 4, 1e-4  # steps in one that is tried first, and the largest error that they may cause
 _DOUBTFUL = "a limit gives way by less than the error of coarse steps"
-_LONG = "a braking motion takes more decisions than a sample has time for"
+_LONG = "a braking motion takes more steps than a sample has time for"
 _ROUNDING = 1e-6  # of a number of steps
 
 
@@ -99,6 +100,8 @@ class _Precision(NamedTuple):
     """Length of steps, relative to the finest ones."""
     halvings: int = 0
     """Halvings of the last samples under the same inputs."""
+    effort: int = 0
+    """Time of the motion so far, in Runge-Kutta steps."""
 
 
 class Braking:
@@ -131,8 +134,9 @@ class Braking:
         self._reduced, self._limits, self._contacts = reduced, limits, contacts
         self._names, self._dt, self._longest = names, dt, longest
         self._motion = ReducedMotion(reduced.robot)
-        self._budget = min(max(_BUDGET, round(_PACE * dt)), 2 * _DECISIONS)
+        self._budget = min(max(_BUDGET, round(_PACE * dt)), 2 * _EFFORT)
         self._coarse = _COARSE if limits.spacing == np.inf else 1
+        self._fine = max(1, int(_STEP / dt + _ROUNDING))  # samples of the finest step
         self._late = f"the robot does not come to rest within {longest:g} s"
         self._efforts = np.minimum(reduced.actuation.limits, _INFINITE)
 
@@ -183,7 +187,7 @@ class Braking:
             eased = under(first + min(max(float(aim @ way) / max(float(way @ way), 1e-300), 0.0), 1.0) * way)
         asked = np.maximum(rows.lower, -rows.upper)[~self._limits.judged_by_rows[rows.places]]
         moved = bool((asked > _BEYOND).any())  # limits ask for motion: an obstacle comes nearer, or one is exceeded
-        budget = 2 * _DECISIONS if kept is None or moved else self._budget
+        budget = 2 * _EFFORT if kept is None or moved else self._budget
         after = self._after(t, eased, before, ground, together, budget)
         if after.problem is None:
             braked = state.braked if eased is planned else state.braked.and_one(t, state.braked.reason)
@@ -214,7 +218,7 @@ class Braking:
         before: Array,
         ground: ContactBounds,
         together: bool = True,
-        budget: int = 2 * _DECISIONS,
+        budget: int = 2 * _EFFORT,
     ) -> BrakingMotion:
         """Roll out the braking motion from a state until rest.
 
@@ -225,11 +229,11 @@ class Braking:
                 joint beyond its limit may rest or return.
             ground: conditions of the ground near this state, with which the motion is planned.
             together: way that is tried first, that of the last motion: see ``BrakingMotion``.
-            budget: largest number of decisions.
+            budget: largest effort, in Runge-Kutta steps.
         """
         for way in (together, not together):
             for coarse in (self._coarse, 1):  # the finest steps only where coarse ones cannot tell
-                found, used = self._rolled_out(start, t, before, ground, way, coarse, min(budget, _DECISIONS))
+                found, used = self._rolled_out(start, t, before, ground, way, coarse, min(budget, _EFFORT))
                 budget -= used
                 if found.problem != _DOUBTFUL:
                     break
@@ -247,7 +251,7 @@ class Braking:
         coarse: int,
         budget: int,
     ) -> tuple[BrakingMotion, int]:
-        """Motion whose joints come to rest at the same time, or each as fast as it can, and its decisions.
+        """Motion whose joints come to rest at the same time, or each as fast as it can, and its effort.
 
         Its steps are at most ``coarse`` times as long as the finest.
         """
@@ -260,7 +264,7 @@ class Braking:
         state, allowed, most = start, np.maximum(before, _KEPT), round(self._longest / self._dt) + 1
         precision = _Precision(allowed, coarse)
         try:
-            for _ in range(budget):
+            while precision.effort < budget:
                 T, held = self._law(state, t, ground, together)
                 decided.append((state.q, state.v, T))
                 if not held:
@@ -280,43 +284,63 @@ class Braking:
                 problem = _LONG
         except (SingularityError, DivergenceError) as error:
             problem = str(error)
-        return BrakingMotion(start.q, start.v2, np.array(inputs), problem, first), len(decided)
+        return BrakingMotion(start.q, start.v2, np.array(inputs), problem, first), precision.effort
 
     def _under(
         self, T: Array, held: int, state: StateEvaluation, t: float, allowed: Array, precision: _Precision
     ) -> tuple[StateEvaluation, int, str | None, _Precision]:
-        """State after samples under the same inputs, their number, the limit that one exceeds, and the precision then.
+        """State after samples under the same inputs, their number, the limit that one exceeds, the precision then.
 
         Where a limit gives way, half the samples are tried: constant inputs suit a part of the way.
         """
         way, coarse = [(0, state, precision.room)], precision.coarse  # checked, with the samples until there
-        part, halvings = precision.halvings, 0
+        part, halvings, effort = max(precision.halvings - 1, 0), 0, precision.effort + _DECISION
         while way[-1][0] < held:
             done, last, room = way[-1]
-            # Halves that were too long last time come one by one: a limit that gives way again is found early.
-            while held >> part <= done:
+            # Parts that were too long last time come one by one: a limit that gives way again is found early.
+            longest = coarse * self._fine  # samples of a step
+            while part and held >> part < done + longest:
                 part -= 1
             speed = max(float(np.abs(last.v2).max()), 1e-9)
-            samples = int(min((held >> part) - done, max(1.0, self._limits.spacing / (speed * self._dt))))
-            end, steps, doubt = self._samples(last, t + done * self._dt, T, samples, coarse)
-            worst = steps.max(axis=0)
-            found = self._broken(worst, room - doubt)
-            if found is None and doubt <= _DOUBT:
-                way.append((done + samples, end, room - doubt))
-            elif doubt and self._broken(worst, room + doubt) is None:
-                coarse //= 2  # these steps cannot tell
-            elif not doubt and self._broken(worst, allowed) is None:
-                return end, held, _DOUBTFUL, precision  # nor can those of the way so far
-            elif held == 1:
-                return end, held, found, precision
-            else:
+            rest = (held >> part) - done
+            samples = int(min(rest, max(1.0, self._limits.spacing / (speed * self._dt))))
+            if samples >= _FEW:  # whole samples in each step: all states on the way are ends of samples
+                samples -= min(samples % longest, samples % -(-samples // longest))
+                if not part and samples >= rest - longest:
+                    held = done + samples
+            q, v2, end, steps, doubts = self._samples(last, t + done * self._dt, T, samples, coarse)
+            effort += _CHECK + len(steps)
+            inside = (steps <= room - doubts[:, None]).all(axis=1) & (doubts <= _DOUBT)
+            if inside.all():
+                way.append((done + samples, end, room - doubts[-1]))
+                continue
+            count, good = len(steps), int(inside.argmin())
+            beyond = (steps > room + doubts[:, None]).any(axis=1)
+            if beyond.any():
+                worst, first = steps.max(axis=0), int(beyond.argmax())
+                if not doubts[first] and self._broken(worst, allowed) is None:
+                    # Nor can the finest steps tell after the way so far.
+                    return end, held, _DOUBTFUL, precision._replace(effort=effort)
+                if held == 1:
+                    return end, held, self._broken(worst, room), precision._replace(effort=effort)
                 # Halves that contain the first step beyond a limit need not be tried.
-                first = done + samples * int((steps > room - doubt).any(axis=1).argmax()) / len(steps)
                 before, part = held, 0
-                while held > max(first, 1) or held == before:
+                while held > max(done + samples * first // count, 1) or held == before:
                     held, halvings = held // 2, halvings + 1
                 way = [each for each in way if each[0] <= held]
-        return way[-1][1], held, None, _Precision(way[-1][2], coarse, halvings)
+            # What is checked remains, as far as it ends with a sample.
+            known = min(good, max(held - done, 0) * count // samples) if self._limits.spacing == np.inf else 0
+            while known * samples % count:
+                known -= 1
+            if known:
+                at = done + known * samples // count
+                if known < good and beyond.any():
+                    held = at
+                there = known_state(self._reduced, q[known], v2[known], t + at * self._dt)
+                way.append((at, there, room - doubts[known - 1]))
+            if doubts[good] and not beyond[good]:
+                coarse //= 2  # these steps cannot tell
+        return way[-1][1], held, None, _Precision(way[-1][2], coarse, halvings, effort)
 
     def exceeded(
         self, state: StateEvaluation, t: float, rows: LimitRows | None = None, mean: Array | None = None
@@ -402,24 +426,25 @@ class Braking:
 
     def _samples(
         self, start: StateEvaluation, t: float, T: Array, count: int, coarse: int
-    ) -> tuple[StateEvaluation, Array, float]:
-        """End of samples under the same inputs, excess of each step over each limit (K, k), and its error.
+    ) -> tuple[Array, Array, StateEvaluation, Array, Array]:
+        """Ends q, v2 of K steps of samples under the same inputs, the last state, excess (K, k) and its error (K,).
 
         The error of coarse steps is the difference to Simpson's rule: over two steps, both err by the fifth order.
         """
-        whole, doubt, limits = count * self._dt, 0.0, self._limits
-        finest = int(np.ceil(whole / max(self._dt, _STEP) - _ROUNDING))
+        whole, limits = count * self._dt, self._limits
+        finest = -(-count // self._fine)
         steps = -(-finest // coarse)
         if steps == 1:  # Simpson's rule takes two
             steps = min(finest, 2)
-        h = whole / steps
+        h, doubts = whole / steps, np.zeros(steps)
         q, v2, v, rates, way = self._motion.trace(self._reduced.evaluator, start.q, start.v2, T, h, steps)
         end = known_state(self._reduced, q[-1], v2[-1], t + whole)
         if steps < finest:
             effects, adverse = end.input_accelerations
             rates = np.vstack([rates, effects @ T + adverse])
             missed = v2[2:] - v2[:-2] - h / 3.0 * (rates[:-2] + 4.0 * rates[1:-1] + rates[2:])
-            doubt = float(np.abs(missed).sum(axis=0).max())
+            doubts[1:] = np.abs(missed).cumsum(axis=0).max(axis=1)
+            doubts[0] = doubts[1]
         found = np.full((steps, len(self._names)), -np.inf)
         own = found[:, : len(limits.names)]
         own[:] = limits.along(HeldMotion(q, np.vstack([v, end.v]), v2, way / h, h))
@@ -428,7 +453,7 @@ class Braking:
             if limits.ends_judged_by_rows:
                 rows = limits.rows(ControlSample(self._reduced, t, start.q, start.v2, whole, start), braking=True)
             np.maximum(own[-1], limits.exceeded(end, t + whole, rows, at_ends=True), out=own[-1])
-        return end, found, doubt
+        return q, v2, end, found, doubts
 
     def _ground_problem(self, decided: list[tuple[Array, Array, Array]], allowed: Array) -> str | None:
         """Condition of the ground that inputs violate at their states."""
