@@ -160,6 +160,7 @@ class StateFeedback(ReprMixin):
         if reference is not None:
             check_size(reference, len(self.outputs), "state feedback's")
         for k, name in enumerate(self.outputs):
+            # A reference of an output that is no state would change nothing, and nothing would tell.
             if k not in {place for place, _ in (*self._values, *self._rates)}:
                 raise ConfigurationError(
                     f"neither '{name}' nor its rate is a state, expected one of {', '.join(states)}"

@@ -195,6 +195,7 @@ class Posture(DescribedMixin):
         check_size(reference, len(task.redundant), "redundant")
         size = len(task.redundant)
         self._task, self.reference, self.k = task, reference, np.asarray(k, dtype=float)
+        # A negative gain would drive the outputs away from their reference.
         if self.k.shape not in ((), (size,)) or not (self.k >= 0).all():
             raise ConfigurationError(f"k of a posture has to be a number or {size}, not negative, found {k}")
         self._follow = Feedback(task.redundant_coordinates, self.k)

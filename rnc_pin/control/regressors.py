@@ -189,6 +189,7 @@ class WheelRegressor:
             # Its estimate would never change, and nothing would tell.
             if not heard:
                 raise ConfigurationError(f"no independent constraint row depends on the {name}")
+        # One entry for each row of ``regress``, in its order.
         rows = iter(told.any(axis=1))
         chosen = [wheel._replace(kept=[row for row in wheel.kept if next(rows)]) for wheel in self._wheels]
         return [wheel for wheel in chosen if wheel.kept]
@@ -213,6 +214,7 @@ class WheelRegressor:
             contact = rows.wrenches_at(q, pin.updateFramePlacement(model, data, rows.frame).rotation)
             wheel = pin.getFrameVelocity(model, data, rows.frame, WORLD_AXES).vector.tolist()
             centre, side, turning = wheel[:3], (0.0, 0.0, 0.0), wheel[3:]
+            # A centre at an unknown track: the motion of the axle's middle is known, the rest is a column of Y.
             if axle is not None:
                 rotation, body = data.oMi[axle.carrier].rotation, data.v[axle.carrier].vector.tolist()
                 middle = cross(body[3:], axle.middle.tolist())

@@ -333,6 +333,7 @@ class RelativeViaPoints(RelativeReference):
     """Points; each has one number for each output."""
 
     def from_start(self, start: Float[Array, " k"], coordinates: Coordinates) -> Reference:
+        # The initial value takes time zero, so no other point can.
         if not len(self.times) == len(self.points) > 0 < self.times[0]:
             found = f"found {len(self.times)} times for {len(self.points)} points"
             raise ConfigurationError(f"via_points: the first time is above 0, that of the initial value; {found}")
@@ -451,6 +452,7 @@ def _sized(values: Sequence[float] | None, coordinates: Coordinates) -> np.ndarr
     wrong = f"a reference has {array.size} values for {size} outputs"
     if names and array.ndim == 1:
         wrong += f" ({', '.join(names)})"
+        # The names beyond the given values are the outputs that a user forgot.
         wrong += f"; add a value of {', '.join(names[array.size :])}" if array.size < size else ""
     raise ConfigurationError(wrong)
 

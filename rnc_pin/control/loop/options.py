@@ -81,6 +81,7 @@ class LoopSettings:
             ConfigurationError: an option has an unknown name, or an invalid value.
         """
         names = [each.name for each in fields(cls)]
+        # By hand: the error of the constructor has no nearest name.
         for name in options:
             if name not in names:
                 raise ConfigurationError(f"loop: no option '{name}'{nearest(str(name), names)}")

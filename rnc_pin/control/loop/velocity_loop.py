@@ -122,6 +122,7 @@ class VelocityLoop(VelocityInputLoop):
         admit_controller(target)
         check_known(velocity, ("measured", "observer", "commanded"), "velocity of a loop")
         self._commanded = velocity == "commanded"
+        # ``step`` passes the commanded velocity to the loop as if it were measured.
         measured = "measured" if velocity == "commanded" else velocity
         controller = ActuatorVelocityController(reduced, target, limits)
         # The controller keeps the limits, by a scale of v2: to clip single inputs would break the constraints.
