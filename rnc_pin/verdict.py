@@ -1,6 +1,7 @@
 """Verdict of a motion: findings, each with its kind, place, amount, time and severity.
 
 A run is *completed* if it reached its end. It *succeeded* only if no finding fails that the user did not accept.
+Most findings of runs, and their thresholds, are in ``simulation/judgement.py``.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ class FindingKind(StrEnum):
     ENDED_EARLY = "ended_early"
     """The run did not reach its end: it diverged, met a stop condition, failed or was interrupted."""
     SINGULAR = "singular"
-    """The run reached a configuration where the outputs do not determine the motion."""
+    """The run ended with the error of a state where the outputs do not determine the motion."""
     NOT_FINITE = "not_finite"
     """A measurement, a state or an input was not a finite number."""
     GOAL = "goal"

@@ -3,9 +3,8 @@
 R is the last r columns of ``E^-1``. A state is singular if E stays singular with the best rows: the outputs do not
 parametrise the motion there. This is no error yet. ``ConfigurationEvaluation.E_inverse`` raises ``SingularityError``
 for whoever needs R. A run on a ``ReducedPlant`` of the controller's own model, without faults, then ends with
-``Outcome.SINGULAR``; other loops give a safe command.
-Undefined rows raise the same error at once (``rows.check_defined``). The compiled kernel declines
-singular and doubtful states.
+``Outcome.SINGULAR``; other loops give a safe command to the end, which the verdict names ``fallback``. Undefined rows
+raise the same error at once (``rows.check_defined``). The compiled kernel declines singular and doubtful states.
 """
 
 from __future__ import annotations

@@ -364,7 +364,7 @@ class CompiledArraysAtV(ArraysAtV):
 
     @cached_property
     def biases(self) -> Array:
-        """Record of bias, gamma, its product with E^-1, and forces without actuators."""
+        """Record of bias, gamma, its product with E^-1, forces without actuators, and H."""
         at, kernel = self.at_q, self._kernel
         external = _concatenated(kernel.external, self._motion, lambda block, now: block.bias_acceleration(now), -1)
         biases = _empty_records(at.batch, kernel.biases)

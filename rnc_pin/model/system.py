@@ -1,8 +1,8 @@
 """Nonholonomic mechanical system: robot, constraints and actuators. Paper (1).
 
 A system decides once which constraint rows are kept, by ``independence.select_independent`` at sampled configurations.
-Where a row of E depends on the others by more than ``ReductionData.fast_limit``, ``factorization`` looks at one state
-again. The reduced plant chooses again for each new chart of its motion (``VelocityChart``).
+Where the squared dependence of a row of E on the others exceeds ``ReductionData.fast_limit``, ``factorization`` looks
+at one state again. The basis of each new chart of the reduced plant (``VelocityChart``) follows the rows chosen there.
 """
 
 from __future__ import annotations

@@ -138,7 +138,7 @@ class PlantAdapter:
 
     @property
     def loop_options(self) -> LoopOptions:
-        """Default options of the control loop on this plant, which clips inputs itself and reports what it applies."""
+        """Default options of the loop on this plant, which alone may clip inputs, and reports what it applies."""
         # Measurements of the own model are exact: an error is the controller's, and no disturbance that passes.
         if self._exact is not None:
             return {"fallback": "raise", "limits": False}

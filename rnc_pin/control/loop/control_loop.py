@@ -87,7 +87,7 @@ class ControlLoop(ReprMixin):
         settings: options of the loop.
         state: data of the loop between two steps; ``resume`` continues from it bit for bit.
         last: result of the last step of the controller; None before the first.
-        limits: limits (p,) to which inputs are clipped; None if they are not.
+        limits: limits (p,) to which inputs are clipped, of the actuators by default; None if they are not.
         active_component: name of the component that was called last, for error messages.
 
     Raises:
