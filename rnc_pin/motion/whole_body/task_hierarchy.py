@@ -484,7 +484,8 @@ def solve_cascade(
 
     A level that attains its rates is kept exactly. Where its rows are nearly dependent and it does not, lower levels
     may use part of these directions: a null space that gained a direction at once, where its singular value vanishes,
-    would turn from sample to sample. For the same reason they are slow where active limits make rows dependent.
+    would turn from sample to sample. For the same reason they are slow where active limits make rows dependent, by the
+    share of the residual that these limits cause.
 
     Args:
         levels: tasks.
@@ -523,9 +524,12 @@ def solve_cascade(
             limited = level.within(bounds, start, near[index])
             if limited is None:
                 break  # at a lower level: rounding left no room
+            # Of the residual, limits cause this: nothing where they only touch, or lower levels would stop at once.
+            caused, residual = J @ (limited.unknowns - point.unknowns), parts[index][1] - J @ limited.unknowns
             point, found[index, bounds.places], near[index] = limited, limited.multipliers, level.added
             if level.added and slow is None and index + 1 < count:
-                slow = point.unknowns, level.largest_speed(bounds, point.multipliers)
+                speed = level.largest_speed(bounds, point.multipliers) * _size(residual)
+                slow = point.unknowns, speed / max(_size(caused), _NOTHING)
         unknowns = point.unknowns
         left = level.left_free(parts[index + 1 :], point.determined)
         if left is None:

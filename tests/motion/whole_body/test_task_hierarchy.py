@@ -8,7 +8,8 @@ import rnc_pin as rnc
 from rnc_pin.control import VelocityQP, limits, tasks
 from rnc_pin.motion.planning import Hold
 from rnc_pin.motion.whole_body import ControlSample, InverseDynamicsQP, task_hierarchy
-from rnc_pin.motion.whole_body.task_hierarchy import MotionMetric
+from rnc_pin.motion.whole_body.limit_stack import ProgramBounds
+from rnc_pin.motion.whole_body.task_hierarchy import MotionMetric, SampledDamping, TaskLevels, solve_cascade
 from systems import free_flying_panda, random_states, space_robot, tiago
 
 LEVER, GAIN, FAR, SLOW, DT = 0.1, 5.0, 3.0, 0.1, 0.025
@@ -153,3 +154,15 @@ def test_an_arm_stretches_towards_a_goal_out_of_reach_and_rests(name, shoulder, 
         assert np.abs(q[-1] - q[-2]).max() < 2e-3
         stretched = arm.at(q[-1]).position.placement(robot.frame_id(tip.frame)).translation
         assert np.linalg.norm(goal - stretched) < beyond + 0.15
+
+
+def test_lower_levels_do_not_stop_where_a_limit_comes_to_touch():
+    J, rate = np.array([[1.0, 0, 0], [0, 0.05, 0], [0, 1, 0], [0, 0, 1]]), np.array([1.0, 0.5, 5, 1])
+    sampled = SampledDamping(0.01, np.array([2.0, 0.0]), np.array([1.0, 1.0, 0.0, 0.0]))
+    bounds = ProgramBounds(np.eye(1, 3), np.array([-9.0]), np.array([9.0]), np.zeros(1, dtype=int), 1)
+    levels = TaskLevels(J, rate, np.array([2, 4]))
+    free = solve_cascade(levels, bounds, 0.0, sampled=sampled)
+    touched = bounds._replace(upper=free.unknowns[:1] - 1e-7)
+    touching = solve_cascade(levels, touched, 0.0, sampled=sampled)
+    assert touching.multipliers[0] > 0.0
+    np.testing.assert_allclose(touching.unknowns, free.unknowns, atol=1e-5)
