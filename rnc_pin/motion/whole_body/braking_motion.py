@@ -30,6 +30,7 @@ _REST = 1e-4  # [rad/s, m/s] speed that counts as rest: its inputs remove it wit
 _DECISION, _CHECK = 8, 5  # time of a decision, and of a check beside its steps, in Runge-Kutta steps
 _EFFORT = 900  # of one motion, in such steps, so that runs repeat
 _BUDGET, _PACE = 175, 35e3  # of a sample that may follow a kept motion instead: at least, and per second
+_AGAIN = 350  # of a sample after an attempt in vain, about 10 ms: limits that cannot hold are tried again and again
 _SMALL = 0.1  # speed of a joint that does not count, relative to the largest
 _PART = 0.5  # of the time in which the first joint stops: inputs are held that long
 _RESERVE = 1.1  # of the time in which efforts stop all joints
@@ -188,16 +189,18 @@ class Braking:
         asked = np.maximum(rows.lower, -rows.upper)[~self._limits.judged_by_rows[rows.places]]
         moved = bool((asked > _BEYOND).any())  # limits ask for motion: an obstacle comes nearer, or one is exceeded
         budget = 2 * _EFFORT if kept is None or moved else self._budget
+        if kept is None and state.unverified.samples:
+            budget = max(self._budget, _AGAIN)
         after = self._after(t, eased, before, ground, together, budget)
         if after.problem is None:
             braked = state.braked if eased is planned else state.braked.and_one(t, state.braked.reason)
             share = min(1.0, share + _EASED)
             return eased, state._replace(kept=after, failed=None, share=share, last=eased.T, braked=braked)
-        if moved:
+        if moved or (kept is None and after.problem == _LONG):  # from the present state, it takes as long
             return unverified(after.problem)
         braked = state.braked.and_one(t, after.problem)
         if kept is None:  # the present state can still be safe where the planned end is not
-            kept = self.motion(start, t, before, ground)
+            kept = self.motion(start, t, before, ground, together, budget)
         if kept.problem is not None and (state.kept is None or not len(kept.inputs)):
             return unverified(kept.problem)
         braking = under(kept.inputs[0])
