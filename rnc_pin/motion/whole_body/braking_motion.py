@@ -29,8 +29,8 @@ _KEPT = 2e-7  # [rad, m, and per second] excess over a limit that is an error of
 _REST = 1e-4  # [rad/s, m/s] speed that counts as rest: its inputs remove it within a sample
 _DECISION, _CHECK = 8, 5  # time of a decision, and of a check beside its steps, in Runge-Kutta steps
 _EFFORT = 900  # of one motion, in such steps, so that runs repeat
-_BUDGET, _PACE = 175, 35e3  # of a sample that may follow a kept motion instead: at least, and per second
-_AGAIN = 350  # of a sample after an attempt in vain, about 10 ms: limits that cannot hold are tried again and again
+_BUDGET, _PACE = 150, 30e3  # of a sample that may follow a kept motion instead: at least, and per second
+_AGAIN = 350  # of a sample without one to follow, about 10 ms: limits that cannot hold are tried again and again
 _SMALL = 0.1  # speed of a joint that does not count, relative to the largest
 _PART = 0.5  # of the time in which the first joint stops: inputs are held that long
 _RESERVE = 1.1  # of the time in which efforts stop all joints
@@ -188,9 +188,9 @@ class Braking:
             eased = under(first + min(max(float(aim @ way) / max(float(way @ way), 1e-300), 0.0), 1.0) * way)
         asked = np.maximum(rows.lower, -rows.upper)[~self._limits.judged_by_rows[rows.places]]
         moved = bool((asked > _BEYOND).any())  # limits ask for motion: an obstacle comes nearer, or one is exceeded
-        budget = 2 * _EFFORT if kept is None or moved else self._budget
-        if kept is None and state.unverified.samples:
-            budget = max(self._budget, _AGAIN)
+        budget = self._budget
+        if kept is None or moved:  # the first attempt of a run has all the time
+            budget = 2 * _EFFORT if state.last is None and not state.unverified.samples else max(budget, _AGAIN)
         after = self._after(t, eased, before, ground, together, budget)
         if after.problem is None:
             braked = state.braked if eased is planned else state.braked.and_one(t, state.braked.reason)
