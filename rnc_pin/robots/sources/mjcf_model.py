@@ -86,7 +86,8 @@ class ModelBuilder:
         for body in range(1, compiled.nbody):
             self.carriers.append(self._add_body(body))
         for site in range(compiled.nsite):
-            self._add_site(site)
+            if compiled.site_bodyid[site] or compiled.site(site).name:  # nothing refers to nameless marks in the world
+                self._add_site(site)
         springs = [self.model.names[self.joints[k]] for k in self.joints if np.ravel(compiled.jnt_stiffness[k])[0]]
         text = f"springs (stiffness, springdamper) are left out of the model: joint {few(springs)}"
         self.notes = [text] if springs else []

@@ -286,7 +286,12 @@ class Arguments(UserDict[str, Value]):
         return str(self.data[name])
 
     def __getitem__(self, name: str) -> Value:
-        return literal(self.text(name))
+        # As roslaunch converts arguments, which differs from properties: in any case of letters, and without quotes.
+        text = self.text(name)
+        for kind in (int, float) if "." not in text else (float,):
+            with suppress(ValueError):
+                return kind(text)
+        return {"true": True, "false": False}.get(text.lower(), text)
 
 
 class Substitution:

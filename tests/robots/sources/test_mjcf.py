@@ -187,13 +187,12 @@ def test_sites_are_where_mujoco_has_them(turn, angle, tmp_path):
     place = "" if "fromto" in turn else 'pos="0.1 0.2 0.3"'
     site = f'<site name="{{}}" {place} {turn}/>'
     text = (
-        f'<mujoco><compiler angle="{angle}" eulerseq="xZy"/><worldbody><body name="a">{SWINGING}{site.format("near")}'
+        f'<mujoco><compiler angle="{angle}" eulerseq="xZy"/><worldbody><site/><body name="a">{SWINGING}{site.format("near")}'
         f'<body pos="0 0 1"><body pos="0 1 0" euler="1 2 3"><body pos="1 0 0">{site.format("far")}</body></body></body>'
         "</body></worldbody></mujoco>"
     )
     model = same_machine(written(tmp_path, text)).model
-    assert model.existFrame("near")
-    assert model.existFrame("far")
+    assert [each.name for each in model.frames if each.type == pin.FrameType.OP_FRAME] == ["near", "far"]
 
 
 @pytest.mark.parametrize(("head", "body"), [

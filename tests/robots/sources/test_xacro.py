@@ -133,6 +133,7 @@ WHOLE = {
     "YAML": """<xacro:property name="s" value="${xacro.load_yaml('settings.yaml')}"/><a x="${s.arm.length}" y="${s['arm']['names'][1]}"
         z="${s.arm.deep.key.x}" w="${s['angle']}" v="${s.foot}" u="${list(s.arm.keys())}"/>""",
     "argument": """<a y="${xacro.arg('k')}"/>""",
+    "argument in any case": """<xacro:arg name="w" default="TRUE"/><xacro:arg name="q" default="'a'"/><a x="$(eval w)" y="$(eval q)"/>""",
     "dictionary": '<xacro:property name="d" value="${dict(a=1, b=[2, 3])}"/><a x="${d[\'b\'][0]}" y="${[k for k in d]}"/>',
     "text between": "<a>${1+1} and <b/> $(arg k)</a>",
     "comments": "<!-- ${nothing} --><a/><!-- more -->",
