@@ -449,9 +449,8 @@ class AdaptiveIntegrator:
         # Each chart begins at its own origin.
         x0 = np.concatenate([np.zeros(nv), y0])
         yield _block(times[:1], q, x0[nv:])
-        solver = scipy.integrate.DOP853(
-            chart_rate, float(times[0]), x0, float(times[-1]), rtol=self._rtol, atol=self._atol
-        )
+        span = float(times[0]), x0, float(times[-1])
+        solver = scipy.integrate.DOP853(chart_rate, *span, rtol=self._rtol, atol=self._atol)
         # Near a singularity the steps shrink without end: so many in a row that are a billionth of the run end it.
         shortest, patience = 1e-9 * float(times[-1] - times[0]), 50
         due = 1

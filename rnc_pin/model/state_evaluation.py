@@ -42,7 +42,8 @@ from rnc_pin.printing import ObjectSummary, described
 _INERTIAL = ("m", "m x", "m y", "m z", "I_xx", "I_xy", "I_yy", "I_xz", "I_yz", "I_zz")
 """Parameters of a body in Pinocchio's order: mass, first moments, moments of inertia about the origin of the joint."""
 
-_NO_EFFECT = 1e-12  # singular value, relative to the largest, of inputs that move nothing
+NO_EFFECT = 1e-12
+"""Singular value, relative to the largest, of inputs that move nothing."""
 
 
 class StateEvaluation(ConfigurationEvaluation):
@@ -391,7 +392,7 @@ class StateEvaluation(ConfigurationEvaluation):
         effects = self.input_accelerations[0]
         found = np.ascontiguousarray(inverse(effects))
         # The product of both norms bounds the ratio of singular values.
-        independent = np.vdot(found, found) * np.vdot(effects, effects) * _NO_EFFECT**2 < 1.0
+        independent = np.vdot(found, found) * np.vdot(effects, effects) * NO_EFFECT**2 < 1.0
         return found if independent else np.full(found.shape, np.inf)
 
     def v_dot(self, v2_dot: Array) -> Float[Array, "*batch nv"]:

@@ -65,7 +65,7 @@ class SetPointState(NamedTuple):
     bias: Float[Array, " r"]
     """Acceleration by which the feedback balances what the model lacks; a velocity where velocities are the inputs."""
     lack: Float[Array, " r"]
-    """What it lacked in the last samples."""
+    """Acceleration that the model lacked in the last samples, in the same units."""
     v2: Float[Array, " r"]
     """Reduced velocity at the last step."""
     expected: Float[Array, " r"]

@@ -11,12 +11,12 @@ import pinocchio as pin
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.controller import Command, Description, State, elapsed_time, listed, nested
-from rnc_pin.math.linear_algebra import as_slice
+from rnc_pin.math.linear_algebra import as_slice, clipped
 from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.input_validation import Positive, check_positive_settings
 from rnc_pin.model.integrators import DEFAULT_TOLERANCE, ReducedMotion
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.model.state_evaluation import NO_EFFECT, StateEvaluation
 from rnc_pin.motion.whole_body.braking_motion import BrakedSample, Braking, BrakingState
 from rnc_pin.motion.whole_body.limit_stack import ContactBounds, ContactCones, ProgramBounds
 from rnc_pin.motion.whole_body.limits.control_limit import ControlLimit, ControlSample, LimitRows, known_state
@@ -31,7 +31,6 @@ from rnc_pin.motion.whole_body.tasks import ControlTask
 from rnc_pin.motion.whole_body.whole_body_program import SampleCount, WholeBodyProgram
 from rnc_pin.verdict import SHORTFALL, Finding, FindingKind, Severity
 
-_NO_EFFECT = 1e-12  # singular value, relative to the largest, of inputs that move nothing
 _CORRECTIONS = 4  # of the velocity at the end of a sample, each smaller by a factor of order dt
 _BEYOND = 1e-9  # excess over a limit of motion that is rounding
 _MOST_STEPS = 64  # Runge-Kutta steps in a sample
@@ -99,7 +98,7 @@ def _unknowns(state: StateEvaluation, dt: float, basis: MotionBasis) -> tuple[Ar
         if not inputs.size or inputs[0, 0] < np.inf:
             return basis.to_v2, (inputs if basis.plain else inputs.dot(basis.to_v2)) / dt
     left, values, right = np.linalg.svd(basis.of_v2 @ (dt * effects))
-    rank = int((values > _NO_EFFECT * values.max(initial=0.0)).sum())
+    rank = int((values > NO_EFFECT * values.max(initial=0.0)).sum())
     motion, inputs = np.zeros((r, p)), right.T.copy()
     motion[:, :rank] = basis.to_v2 @ left[:, :rank]
     inputs[:, :rank] /= values[:rank]
@@ -183,7 +182,6 @@ class InverseDynamicsQP(WholeBodyProgram):
         super().__init__(reduced, tasks, limits, resting=reduced.r)
         self._contacts, self._motion = ContactCones(reduced, friction), ReducedMotion(reduced.robot)
         efforts = reduced.actuation.limits
-        self._least, self._most = -efforts, efforts
         limited = np.flatnonzero(np.isfinite(efforts))
         self._limited, self._efforts = as_slice(limited), efforts[limited]
         self.limit_names = (
@@ -380,7 +378,7 @@ class InverseDynamicsQP(WholeBodyProgram):
                 break
         if not far:
             T, v2 = program.efforts(best.unknowns), program.velocity(best.unknowns)
-        T = np.minimum(np.maximum(T, self._least), self._most)  # the solver's rounding is no effort
+        T = clipped(T, self._reduced.actuation.limits)  # the solver's rounding is no effort
         return InputSolution(T, v2, best.multipliers, best.excess, best_end, best.unsolved)
 
     def _end(self, state: StateEvaluation, T: Array) -> StateEvaluation:
@@ -441,11 +439,8 @@ class InverseDynamicsQP(WholeBodyProgram):
         if not _kernel.library.program(J, rate, *table, *given, rows, rates, levers, bounds, sides):
             moving, away = end.R.dot(motion), limits.jacobian.dot(offset)
             ahead = J[1].dot(start.v) - rate[1]  # errors of rates decay as those of velocities without a task
-            rows[:k, :p], rates[:k] = (
-                tasks.roots[:, None] * J[0].dot(moving),
-                rate[0] - J[0].dot(offset) + decay * ahead,
-            )
-            rates[:k] *= tasks.roots
+            rows[:k, :p] = tasks.roots[:, None] * J[0].dot(moving)
+            rates[:k] = tasks.roots * (rate[0] - J[0].dot(offset) + decay * ahead)
             rows[k:, :p], rates[k:], levers = of_v2.dot(motion), of_v2.dot(wanted), tasks.levers(J[0])
             bounds[:motions, :p], bounds[motions:forces, :p] = limits.jacobian.dot(moving), inputs
             lower[:motions], upper[:motions] = limits.lower - away, limits.upper - away
