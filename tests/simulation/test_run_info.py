@@ -9,7 +9,7 @@ import pytest
 
 import rnc_pin as rnc
 from refusals import refused
-from rnc_pin.applications.command_line.commands.replay import load_run
+from rnc_pin.applications.command_line.replay import load_run
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.simulation import PlannedPath, Provenance, RunInfo, TaskNames

@@ -4,7 +4,7 @@ import sys
 
 _WITHOUT_PICTURES = """
 from rnc_pin.applications.command_line.cli import main
-from rnc_pin.applications.command_line.commands import run
+from rnc_pin.applications.command_line import run
 from rnc_pin.applications.scenario.pictures import Drawn
 run.draw_pictures = lambda *_: Drawn()
 main()

@@ -216,7 +216,7 @@ AS_SIGNAL = "os.kill(os.getpid(), signal.SIGINT); time.sleep(5)"
 
 
 @pytest.mark.parametrize(("module", "interrupt"), [
-    ("click", AS_EXCEPTION), ("pinocchio", AS_EXCEPTION), ("rnc_pin.applications.command_line.commands.run", AS_SIGNAL),
+    ("click", AS_EXCEPTION), ("pinocchio", AS_EXCEPTION), ("rnc_pin.applications.command_line.run", AS_SIGNAL),
 ], ids=["click", "pinocchio", "signal"])  # fmt: skip
 def test_an_interrupted_import_is_one_line(module, interrupt, tmp_path):
     (tmp_path / "sitecustomize.py").write_text(HOOK.format(module=module, interrupt=interrupt))

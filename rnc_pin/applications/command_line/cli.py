@@ -1,7 +1,7 @@
 """Entry point of ``rnc-pin``, and the Click definitions of its commands, arguments, options and help.
 
-Help and shell completion need only this module, so it imports little besides Click. ``commands`` implements the
-commands. An error is one line and an exit status, and so is Ctrl-C during imports.
+Help and shell completion need only this module, so it imports little besides Click. The other modules of its
+room implement the commands. An error is one line and an exit status, and so is Ctrl-C during imports.
 """
 
 import time
@@ -23,7 +23,7 @@ with interruptible_imports():
     import click
     from click.shell_completion import CompletionItem
 
-    from rnc_pin.applications.command_line import commands
+    from rnc_pin.applications import command_line as commands
     from rnc_pin.applications.command_line.messages import (
         DONE,
         FAILED,
@@ -37,7 +37,7 @@ with interruptible_imports():
     from rnc_pin.errors import RncError
 
 Given: TypeAlias = Any
-"""Argument from Click; the functions in ``commands`` declare the types."""
+"""Argument from Click; the functions of the commands declare the types."""
 
 
 def _files(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:

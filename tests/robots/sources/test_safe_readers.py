@@ -16,7 +16,7 @@ import pytest
 import mesh_solid as solid
 import rnc_pin as rnc
 from patience import ending_within
-from rnc_pin.applications.command_line.commands.replay import load_run
+from rnc_pin.applications.command_line.replay import load_run
 from rnc_pin.applications.command_line.report import print_object, print_summary
 from rnc_pin.applications.scenario.files import parse_option, read_yaml
 from rnc_pin.io.json import dump_json

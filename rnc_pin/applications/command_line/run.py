@@ -68,7 +68,7 @@ def run_scenario(
 
 def _watched(prepared: Scenario, watching: Watching, quiet: bool) -> Result:
     """Execute the run with a live view."""
-    from rnc_pin.applications.command_line.commands.replay import live_view  # Meshcat takes a second to import
+    from rnc_pin.applications.command_line.replay import live_view  # Meshcat takes a second to import
     from rnc_pin.visualization import DrawnModel
 
     experiment = prepared.experiment

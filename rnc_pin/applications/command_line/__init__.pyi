@@ -1,4 +1,4 @@
-"""Exports of ``rnc_pin.applications.command_line.commands``, which ``__init__.py`` imports at their first use."""
+"""Exports of ``rnc_pin.applications.command_line``, which ``__init__.py`` imports at their first use."""
 
 from .drive import drive_robot as drive_robot
 from .inspection import draft_scenario as draft_scenario
