@@ -35,7 +35,7 @@ from benchmarks.peers.sympy_equations import BASES, reduced_equations
 from benchmarks.reduction import machine
 from benchmarks.timing import in_turn, used_by
 from rnc_pin.figures.style import STYLE, PrintFigure, line, save
-from rnc_pin.lab.mujoco.settings import MuJoCoSettings
+from rnc_pin.lab.mujoco.contact_bodies import MuJoCoSettings
 
 DURATION, ROUNDS = 10.0, 7
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)

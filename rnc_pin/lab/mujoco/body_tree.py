@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, missing_extra
 from rnc_pin.lab.mujoco import joint_coordinates
+from rnc_pin.lab.mujoco.contact_bodies import Root
 from rnc_pin.model.rows import FrameAnchor, JointCoupler, Rows
 from rnc_pin.robots.robot import Robot
 
@@ -19,8 +20,6 @@ try:
 except ImportError:
     raise ConfigurationError(missing_extra("mujoco")) from None
 
-Root = Literal["as it is", "free", "level"]
-"""Type of a planar base in MuJoCo: planar as it is, six degrees of freedom, or planar with vertical motion."""
 
 _PLACEHOLDER_MASS = 1e-12  # placeholder mass and inertia for the compiler; ``finish`` writes the robot's
 

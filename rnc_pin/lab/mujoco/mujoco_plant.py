@@ -19,10 +19,16 @@ import scipy
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import DivergenceError
 from rnc_pin.lab.mujoco.body_tree import BodyTree, JointEquality, add_equalities, mujoco
-from rnc_pin.lab.mujoco.contact_bodies import ContactBody, choose_support, common_plane, contact_bodies, on_one_plane
+from rnc_pin.lab.mujoco.contact_bodies import (
+    ContactBody,
+    MuJoCoSettings,
+    choose_support,
+    common_plane,
+    contact_bodies,
+    on_one_plane,
+)
 from rnc_pin.lab.mujoco.ground import Ground, add_ground
 from rnc_pin.lab.mujoco.joint_coordinates import RobotCoordinates
-from rnc_pin.lab.mujoco.settings import MuJoCoSettings
 from rnc_pin.model.input_validation import own_vector
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
