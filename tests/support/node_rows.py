@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rnc_pin.motion.optimal.node_data import NodeData
+from rnc_pin.motion.optimal.costs import NodeData
 
 
 def check_rows(model, block, at, u, step=3e-5, **tolerances):  # logarithms near half a turn round to 1e-11

@@ -20,7 +20,17 @@ from rnc_pin.errors import ConfigurationError, InputError, check_classes
 from rnc_pin.model.input_validation import ConfigurationValidator
 from rnc_pin.model.rows import RowStack
 from rnc_pin.model.task import OutputTarget
-from rnc_pin.motion.optimal import node_data
+from rnc_pin.motion.optimal.costs import (
+    NodeData,
+    NodeFunction,
+    NodeOutputs,
+    OutputChoice,
+    RowValues,
+    displacement_rows,
+    input_rows,
+    row_numbers,
+    velocity_rows,
+)
 from rnc_pin.motion.planning.action_models import ActionModel, Nodes
 from rnc_pin.motion.whole_body.limits.joint_limits import limited_velocities
 from rnc_pin.robots.joint_values import limited_positions
@@ -61,7 +71,7 @@ class NodeBound(ABC):
         # Infinity by name is a statement too: it takes the place of the limit of the file.
         self.stated = _stated(lower, self.names) | _stated(upper, self.names)
         self.lower, self.upper = (
-            node_data.row_numbers(missing if given is None else given, self.names, "bound", missing)
+            row_numbers(missing if given is None else given, self.names, "bound", missing)
             for given, missing in ((lower, -np.inf), (upper, np.inf))
         )
         for name, low, high in zip(self.names, self.lower, self.upper, strict=True):
@@ -75,7 +85,7 @@ class NodeBound(ABC):
         return self.names if word is None else tuple(f"{word} of {name}" for name in self.names)
 
     @abstractmethod
-    def rows(self, nodes: node_data.NodeData, derivatives: bool) -> node_data.RowValues:
+    def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
         """Rows at nodes."""
 
 
@@ -87,14 +97,14 @@ class BoundRows(NodeBound):
         quantity: str,
         names: Sequence[str],
         limits: tuple[Limit, Limit],
-        rows: node_data.NodeFunction,
+        rows: NodeFunction,
         of_state: bool = True,
         units: Sequence[str] | None = None,
     ) -> None:
         super().__init__(names, *limits, of_state, units)
         self.quantity, self._rows = quantity, rows
 
-    def rows(self, nodes: node_data.NodeData, derivatives: bool) -> node_data.RowValues:
+    def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
         return self._rows(nodes, derivatives)
 
 
@@ -123,7 +133,7 @@ class InputBound(BoundKind):
     upper: Limit = None
 
     def bind(self, model: ActionModel) -> NodeBound:
-        return BoundRows("input", model.input_names, (self.lower, self.upper), node_data.input_rows, of_state=False)
+        return BoundRows("input", model.input_names, (self.lower, self.upper), input_rows, of_state=False)
 
 
 @dataclass(frozen=True)
@@ -145,7 +155,7 @@ class VelocityBound(BoundKind):
     def bind(self, model: ActionModel) -> NodeBound:
         names, limits = model.reduced.reducing.names, (self.lower, self.upper)
         # In the kinematic form velocities are inputs, which the last node does not have.
-        return BoundRows("velocity", names, limits, node_data.velocity_rows, of_state=model.form != "kinematic")
+        return BoundRows("velocity", names, limits, velocity_rows, of_state=model.form != "kinematic")
 
 
 @dataclass(frozen=True)
@@ -162,12 +172,12 @@ class OutputBound(BoundKind):
         0.6
     """
 
-    output: node_data.OutputChoice
+    output: OutputChoice
     lower: Limit = None
     upper: Limit = None
 
     def bind(self, model: ActionModel) -> NodeBound:
-        outputs = node_data.NodeOutputs(model.reduced, self.output)
+        outputs = NodeOutputs(model.reduced, self.output)
         limits = self.lower, self.upper
         return BoundRows("output", outputs.names, limits, outputs.value_rows, units=outputs.units)
 
@@ -236,7 +246,7 @@ class DistanceRows(NodeBound):
         known = next((found[key] for found in self._recent if key in found), None)
         return self.distances.at(q, t, within=self._within) if known is None else known
 
-    def rows(self, nodes: node_data.NodeData, derivatives: bool) -> node_data.RowValues:
+    def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
         model = nodes.model
         far = 1e3  # [m], distance of a row without a pair
         # A node with fewer near pairs has rows without effect: all nodes have the same number.
@@ -251,7 +261,7 @@ class DistanceRows(NodeBound):
             nearest_first = np.argsort(found.distance, kind="stable")[: self._count]
             value[k, : len(nearest_first)] = found.distance[nearest_first]
             x[k, : len(nearest_first), : model.nv] = found.jacobian[nearest_first]
-        return node_data.RowValues(value, x)
+        return RowValues(value, x)
 
 
 class GoalRows(NodeBound):
@@ -276,12 +286,12 @@ class GoalRows(NodeBound):
         robot = model.reduced.robot
         self._model = model
         self.configuration: Array | None = None
-        self._outputs: list[tuple[node_data.NodeOutputs, Array]] = []
+        self._outputs: list[tuple[NodeOutputs, Array]] = []
         names: list[str] = []
         units: list[str] = []
         if isinstance(goal, Mapping):
             for output, value in goal.items():
-                found = node_data.NodeOutputs(model.reduced, output)
+                found = NodeOutputs(model.reduced, output)
                 # Rows of an orientation are rotation vectors, whose error is the logarithm of a rotation.
                 value = pin.log3(np.asarray(value)) if np.shape(value) == (3, 3) else value
                 self._outputs.append((found, found.target(value, "goal")))
@@ -305,7 +315,7 @@ class GoalRows(NodeBound):
         Args:
             q: configuration (nq,).
         """
-        at = node_data.NodeData(self._model, Nodes(np.asarray(q)[None], np.empty((1, 0))), None, np.zeros(1))
+        at = NodeData(self._model, Nodes(np.asarray(q)[None], np.empty((1, 0))), None, np.zeros(1))
         names = (name.removeprefix("goal ") for name in self.names)
         return dict(zip(names, np.abs(self.rows(at, False).value[0]).tolist(), strict=True))
 
@@ -318,21 +328,19 @@ class GoalRows(NodeBound):
                 for name, value, angular in zip(outputs.names, target, outputs.angular, strict=True)
                 if not angular
             }
-        nodes = node_data.NodeData(
-            self._model, Nodes(self.configuration[None], np.zeros((1, self._model.nw))), None, np.zeros(1)
-        )
+        nodes = NodeData(self._model, Nodes(self.configuration[None], np.zeros((1, self._model.nw))), None, np.zeros(1))
         return dict(zip(bound.names, bound.rows(nodes, False).value[0].tolist(), strict=True))
 
-    def rows(self, nodes: node_data.NodeData, derivatives: bool) -> node_data.RowValues:
+    def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
         model = nodes.model
         parts = [outputs.error_rows(target, nodes, derivatives) for outputs, target in self._outputs]
         if self.configuration is not None:
-            parts = [node_data.displacement_rows(self.configuration, nodes, derivatives)]
+            parts = [displacement_rows(self.configuration, nodes, derivatives)]
         if self._rest:
-            parts.append(node_data.velocity_rows(nodes, derivatives))
+            parts.append(velocity_rows(nodes, derivatives))
         pairs = [(each.value, each.full(model.nx, 0)[0]) for each in parts]
         value, x = (np.concatenate(each, axis=1) for each in zip(*pairs, strict=True))
-        return node_data.RowValues(value, x if derivatives else None)
+        return RowValues(value, x if derivatives else None)
 
 
 def _stated(given: Limit, names: Sequence[str]) -> Array:
@@ -425,9 +433,9 @@ def _efforts(model: ActionModel, replaced: set[str]) -> list[NodeBound]:
     return [InputBound({name: -limit for name, limit in limits.items()}, limits).bind(model)] if limits else []
 
 
-def _position_rows(q: list[int], v: list[int], nodes: node_data.NodeData, derivatives: bool) -> node_data.RowValues:
+def _position_rows(q: list[int], v: list[int], nodes: NodeData, derivatives: bool) -> RowValues:
     """Positions of joints (k,) by their places in q and in v."""
-    found = node_data.RowValues(nodes.at.q[:, q])
+    found = RowValues(nodes.at.q[:, q])
     if derivatives:
         found.x = np.zeros((nodes.size, len(v), nodes.model.nx))
         found.x[:, range(len(v)), v] = 1.0  # q and v of joints with limits have the same entries
@@ -444,19 +452,19 @@ class _Velocities(NodeBound):
         self._v = list(places)
         super().__init__(names, -largest, largest, of_state)
 
-    def rows(self, nodes: node_data.NodeData, derivatives: bool) -> node_data.RowValues:
+    def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
         if not derivatives:
-            return node_data.RowValues(self._of(nodes, nodes.velocity[..., None])[..., 0])
+            return RowValues(self._of(nodes, nodes.velocity[..., None])[..., 0])
         value, by_q, by_w = (self._of(nodes, each) for each in self._slopes(nodes))
         if nodes.model.form == "kinematic":
-            return node_data.RowValues(value[..., 0], by_q, by_w)
-        return node_data.RowValues(value[..., 0], np.concatenate([by_q, by_w], axis=2))
+            return RowValues(value[..., 0], by_q, by_w)
+        return RowValues(value[..., 0], np.concatenate([by_q, by_w], axis=2))
 
-    def _of(self, nodes: node_data.NodeData, v: Array) -> Array:
+    def _of(self, nodes: NodeData, v: Array) -> Array:
         """Rows times velocities (n, nv, k)."""
         return v[:, self._v]
 
-    def _slopes(self, nodes: node_data.NodeData) -> tuple[Array, Array, Array]:
+    def _slopes(self, nodes: NodeData) -> tuple[Array, Array, Array]:
         """Velocity (n, nv, 1), and its derivatives by the configuration and by v2."""
         if nodes.flow is not None:
             return nodes.flow.v[..., None], nodes.flow.v_q, nodes.flow.v_w
@@ -476,7 +484,7 @@ class _SideSlips(_Velocities):
         # Half of the speed from which the verdict of a run counts a wheel as sliding: the loop adds some of its own.
         super().__init__(rows.names, (), np.full(rows.size, SIDE_SLIP / 2), of_state=model.form != "kinematic")
 
-    def rows(self, nodes: node_data.NodeData, derivatives: bool) -> node_data.RowValues:
+    def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
         found, v = super().rows(nodes, derivatives), nodes.velocity
         if found.x is not None:
             # The slip is A(q) v. By q, it changes by the rate of A at a unit velocity along each entry of v, times v.
@@ -485,5 +493,5 @@ class _SideSlips(_Velocities):
                 found.x[:, :, k] += np.matvec(self._rows.jacobian_dot(turned), v)
         return found
 
-    def _of(self, nodes: node_data.NodeData, v: Array) -> Array:
+    def _of(self, nodes: NodeData, v: Array) -> Array:
         return np.asarray(self._rows.jacobian(nodes.position) @ v)

@@ -27,10 +27,9 @@ from rnc_pin.model.input_validation import (
 )
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.motion.optimal.bounds import BoundKind, DistanceBound, DistanceRows, FileLimits, Goal, GoalRows, NodeBound
-from rnc_pin.motion.optimal.costs import CostKind, EffortCost, OutputCost
+from rnc_pin.motion.optimal.costs import CostKind, EffortCost, NodeData, OutputCost
 from rnc_pin.motion.optimal.guesses import Guess, guesses, motion_limits
 from rnc_pin.motion.optimal.motion_plan import MotionPlan
-from rnc_pin.motion.optimal.node_data import NodeData
 from rnc_pin.motion.optimal.plan_feedback import PlanFeedback, tvlqr
 from rnc_pin.motion.optimal.plan_search import PlanSearch
 from rnc_pin.motion.optimal.sequential_quadratic import SolverSettings

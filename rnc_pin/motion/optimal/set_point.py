@@ -33,9 +33,19 @@ from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import OutputTarget
 from rnc_pin.motion.optimal.bounds import BoundKind, DistanceRows, Goal, GoalRows, NodeBound
-from rnc_pin.motion.optimal.costs import BoundCost, CostKind, OutputCost, Phase, PostureCost, weights_of
+from rnc_pin.motion.optimal.costs import (
+    BoundCost,
+    CostKind,
+    NodeData,
+    NodeOutputs,
+    OutputCost,
+    Phase,
+    PostureCost,
+    RowValues,
+    velocity_rows,
+    weights_of,
+)
 from rnc_pin.motion.optimal.motion_plan import MotionPlan
-from rnc_pin.motion.optimal.node_data import NodeData, NodeOutputs, RowValues, velocity_rows
 from rnc_pin.motion.optimal.planner import check_distances, plan_motion
 from rnc_pin.motion.optimal.sequential_quadratic import SolverSettings
 from rnc_pin.motion.optimal.transcription import Iterate

@@ -17,10 +17,9 @@ from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.input_validation import Positive, check_positive_settings
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.motion.optimal.bounds import DISTANCE, BoundKind, FileLimits, Goal, GoalRows
-from rnc_pin.motion.optimal.costs import CostKind
+from rnc_pin.motion.optimal.costs import CostKind, NodeData
 from rnc_pin.motion.optimal.guesses import inputs_for
 from rnc_pin.motion.optimal.motion_plan import MotionPlan
-from rnc_pin.motion.optimal.node_data import NodeData
 from rnc_pin.motion.optimal.plan_feedback import FREQUENCY, BoundedCommands, mean_input, regulator_gains, tvlqr
 from rnc_pin.motion.optimal.plan_search import limits_of
 from rnc_pin.motion.optimal.planner import build_problem, initial_node, plan_motion

@@ -14,9 +14,8 @@ import scipy
 
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.motion.optimal.bounds import DISTANCE, GoalRows, NodeBound
-from rnc_pin.motion.optimal.costs import BoundCost
+from rnc_pin.motion.optimal.costs import BoundCost, NodeData
 from rnc_pin.motion.optimal.interior_point import LinearQuadratic, RiccatiFactors
-from rnc_pin.motion.optimal.node_data import NodeData
 from rnc_pin.motion.planning.action_models import ActionModel, Nodes, StepDerivatives
 
 _LEAST = 1e-12

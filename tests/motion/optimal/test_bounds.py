@@ -14,7 +14,7 @@ from benchmarks.planned_models import mobile_manipulator, tractor
 from driven_bases import KINDS, drafted_model
 from node_rows import check_rows
 from rnc_pin.motion.optimal import FileLimits, InputBound, OutputBound, SolverSettings, VelocityBound
-from rnc_pin.motion.optimal.node_data import NodeData
+from rnc_pin.motion.optimal.costs import NodeData
 from rnc_pin.motion.planning.action_models import Nodes, action_model
 from rnc_pin.verdict import FindingKind, Severity
 

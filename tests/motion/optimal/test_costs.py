@@ -8,7 +8,7 @@ import rnc_pin as rnc
 import systems
 from node_rows import check_rows
 from rnc_pin.motion.optimal.bounds import GoalRows
-from rnc_pin.motion.optimal.node_data import NodeData
+from rnc_pin.motion.optimal.costs import NodeData
 from rnc_pin.motion.planning.action_models import Nodes, action_model
 
 

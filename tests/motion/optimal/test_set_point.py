@@ -10,8 +10,8 @@ import systems
 from node_rows import check_rows
 from rnc_pin.motion import optimal
 from rnc_pin.motion.optimal import SetPointCost, action_model
+from rnc_pin.motion.optimal.costs import NodeData
 from rnc_pin.motion.optimal.guesses import along
-from rnc_pin.motion.optimal.node_data import NodeData
 from rnc_pin.motion.optimal.set_point import first_motion, quadratic_set_point
 from rnc_pin.motion.planning.action_models import Nodes
 from textbook_systems import unicycle_with_trailers
