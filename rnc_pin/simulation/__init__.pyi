@@ -7,9 +7,9 @@ from rnc_pin.verdict import FindingKind as FindingKind
 from rnc_pin.verdict import Severity as Severity
 from rnc_pin.verdict import Verdict as Verdict
 
+from .closed_loop import free_motion as free_motion
 from .closed_loop import simulate as simulate
 from .derived_quantities import output_names as output_names
-from .free_motion import free_motion as free_motion
 from .judgement import distance_findings as distance_findings
 from .judgement import judge as judge
 from .judgement import missed_goal_findings as missed_goal_findings
