@@ -50,8 +50,6 @@ from .gain_design import VelocityGains as VelocityGains
 from .gain_design import design_position_gains as design_position_gains
 from .gain_design import design_velocity_gains as design_velocity_gains
 from .gain_design import gravity_loads as gravity_loads
-from .position_tracker import PositionState as PositionState
-from .position_tracker import PositionTracker as PositionTracker
 from .redundancy import Posture as Posture
 from .redundancy import RedundancyController as RedundancyController
 from .redundancy import SteeringController as SteeringController
@@ -62,7 +60,9 @@ from .regressors import UnknownTrack as UnknownTrack
 from .regressors import WheelRegressor as WheelRegressor
 from .slithering import DrivenPath as DrivenPath
 from .slithering import SlitheringReference as SlitheringReference
+from .trackers import PositionState as PositionState
+from .trackers import PositionTracker as PositionTracker
+from .trackers import TrackerState as TrackerState
+from .trackers import VelocityTracker as VelocityTracker
 from .twist_controller import TwistController as TwistController
 from .unicycle_stabilizer import UnicycleStabilizer as UnicycleStabilizer
-from .velocity_tracker import TrackerState as TrackerState
-from .velocity_tracker import VelocityTracker as VelocityTracker

@@ -12,7 +12,7 @@ import numpy as np
 
 from rnc_pin.control.controller import Command, Controller, DescribedMixin, Description, State, describe
 from rnc_pin.control.estimation import Estimator, EstimatorState, with_estimated_kinematics
-from rnc_pin.control.position_tracker import PositionState, PositionTracker
+from rnc_pin.control.trackers import PositionState, PositionTracker
 from rnc_pin.errors import ConfigurationError, place_of
 from rnc_pin.math.linear_algebra import apply_transposed
 from rnc_pin.model.evaluation_results import Measurement

@@ -15,9 +15,8 @@ from numpy import ndarray as Array
 
 from rnc_pin.control.basic_controllers import ComputedTorque, ReducingOutputController, ZeroInput
 from rnc_pin.control.controller import Command, State
-from rnc_pin.control.position_tracker import PositionTracker
 from rnc_pin.control.redundancy import RedundancyController
-from rnc_pin.control.velocity_tracker import VelocityTracker
+from rnc_pin.control.trackers import PositionTracker, VelocityTracker
 from rnc_pin.errors import InputError, RncError
 from rnc_pin.interruption import interruptible, uninterrupted
 from rnc_pin.math.linear_algebra import apply

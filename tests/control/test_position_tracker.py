@@ -8,7 +8,7 @@ import pytest
 import rnc_pin as rnc
 from controlled_tasks import ARM_START, Cubic, learnt_over
 from rnc_pin.control import PositionGains, PositionTracker, design_position_gains
-from rnc_pin.control.position_tracker import PositionState
+from rnc_pin.control.trackers import PositionState
 from rnc_pin.model.evaluation_results import Measurement
 from systems import space_robot_in_joints
 
