@@ -23,7 +23,7 @@ from rnc_pin.model.rows import Place
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.printing import printed
 from rnc_pin.robots.joint_values import NamedModel
-from rnc_pin.robots.robot import AttachedModel
+from rnc_pin.robots.robot import attached_model
 
 _SMALL = 1e-9  # entry of a row, or relative singular value, that is rounding
 CHANGES = 4
@@ -170,7 +170,7 @@ class _ExternalWrenches:
         carrier_name = "joint that carries the robot"
         carrier.addJointFrame(carrier.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), carrier_name))
         free = copy(robot)
-        NamedModel.__init__(free, AttachedModel(carrier, robot.model, carrier.getFrameId(carrier_name), None).model)
+        NamedModel.__init__(free, attached_model(carrier, robot.model, carrier.getFrameId(carrier_name))[0])
         self._kinematics = Kinematics(free)
         self._forces: list[PassiveForce] = []
         q = robot.random_configuration(np.random.default_rng(0))

@@ -8,9 +8,8 @@ about one point are additive, so a link is replaced by adding the difference.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Literal, TypeAlias
@@ -78,7 +77,6 @@ class Robot(NamedModel, SummaryMixin):
         self.closures: tuple[Closure, ...] = ()
         self.references: Mapping[str, float] = {}
         self.locked: dict[str, float] = {}
-        self._frozen: frozenset[str] = frozenset()  # all locked joints, also those with several values
         self.packages: Mapping[str, Path] = {}
         self.far_packages: Mapping[str, Path] = {}
         self.folders: tuple[Path, ...] = ()
@@ -173,25 +171,26 @@ class Robot(NamedModel, SummaryMixin):
     def _from_description(
         cls, path: Path, read: Description, lock: Mapping[str, JointValue] | None, gravity: Sequence[float] | None
     ) -> Robot:
-        model = read.model
+        model, geometry = read.model, read.geometry
         with ModelError.at(path):
             check_model_size(model)
         if gravity is not None:
             model.gravity.linear = check_acceleration(gravity)
-        locked = LockedModel(model, lock) if lock else None
+        if lock:
+            geometry = partial(_locked_geometry, geometry, model, dict(lock))
+            model, _ = locked_model(model, lock)
         try:
-            robot = cls(model if locked is None else locked.model)
+            robot = cls(model)
         except UselessInertia as error:
             # The model alone knows no links of the file: with them, the remedy names a mass for each.
-            error.joints = massless(model if locked is None else locked.model, read.bodies)
+            error.joints = massless(model, read.bodies)
             error.args = (f"{path}: {error.what}: {remedy(error.joints)}",)
             raise error from None
         except ModelError as error:
             raise error.within(path) from None
-        robot._geometry = LazyGeometry(read.geometry if locked is None else partial(locked.geometry, read.geometry))
+        robot._geometry = LazyGeometry(geometry)
         robot._lost = read.lost
         robot.mimics, robot.closures, robot.references = read.mimics, read.closures, read.references
-        robot._frozen = frozenset(lock or ())
         for name, value in (lock or {}).items():
             if np.size(value) == 1:  # mimics refer only to joints with one value
                 robot.locked[name] = float(np.ravel(value)[0])
@@ -244,9 +243,9 @@ class Robot(NamedModel, SummaryMixin):
             raise ModelError(
                 f"robot '{other.name}' has a moving base: load it with {argument('base', 'fixed')} to mount it"
             )
-        attached = AttachedModel(self.model, other.model, index, placement)
-        robot = Robot(attached.model)
-        robot._geometry = LazyGeometry(partial(attached.geometry, self._geometry, other._geometry))
+        models, geometries = (self.model, other.model), (self._geometry, other._geometry)
+        robot = Robot(attached_model(*models, index, placement)[0])
+        robot._geometry = LazyGeometry(partial(_attached_geometry, models, geometries, index, placement))
         robot.mimics = (*self.mimics, *other.mimics)
         # The mounted robot moves with its carrier: a loop with the world of its own file no longer holds.
         robot.closures = (*self.closures, *(each for each in other.closures if "universe" not in each[:2]))
@@ -255,7 +254,6 @@ class Robot(NamedModel, SummaryMixin):
             warn(text)
         robot.references = {**self.references, **other.references}
         robot.locked = {**self.locked, **other.locked}
-        robot._frozen = self._frozen | other._frozen
         # Of packages with one name, this robot's folder counts, as its gravity does.
         robot.packages = {**other.packages, **self.packages}
         robot.folders = (*self.folders, *other.folders)
@@ -282,7 +280,7 @@ class Robot(NamedModel, SummaryMixin):
         """
         if not isinstance(masses, Mapping):
             raise ModelError(f"masses have to be a mapping of links to masses [kg], found {type(masses).__name__}")
-        model = with_link_masses(self.model, masses, self._frozen, self.name)
+        model = with_link_masses(self.model, masses, self.name)
         check_model(model)
         # A shallow copy shares meshes and records of the file; what masses change is replaced.
         robot = copy(self)
@@ -373,112 +371,97 @@ class LazyGeometry:
         return state
 
 
-class LockedModel:
-    """Reduced model without the locked joints, with its geometry.
+def locked_model(
+    model: pin.Model, lock: Mapping[str, JointValue], geometry: pin.GeometryModel | None = None
+) -> tuple[pin.Model, pin.GeometryModel]:
+    """Return a model without the locked joints, with its geometry. Each link keeps a record of its own inertia.
 
     Args:
         model: the full model; it is not changed.
         lock: joint name to value of each locked joint [rad or m].
+        geometry: geometry of the full model; none by default.
     """
-
-    def __init__(self, model: pin.Model, lock: Mapping[str, JointValue]) -> None:
-        self._full, named = model, NamedModel(model)
-        self._joints = [named.joint_id(name) for name in lock]
-        if "root_joint" in lock and model.joints[named.joint_id("root_joint")].nv > 1:
-            raise ModelError(f"'root_joint' cannot be locked: load the robot with {argument('base', 'fixed')} instead")
-        self._reference = named.configuration(lock)
-        self.model = self._reduced(None)[0]
-
-    def geometry(self, load: Callable[[str], pin.GeometryModel], kind: str) -> pin.GeometryModel:
-        """Geometry of a kind, loaded by ``load`` for the full model and attached to the reduced model.
-
-        Args:
-            load: function that loads the geometry of a kind for the full model.
-            kind: "visual" or "collision".
-        """
-        return self._reduced(load(kind))[1]
-
-    def _reduced(self, geometry: pin.GeometryModel | None) -> tuple[pin.Model, pin.GeometryModel | None]:
-        # Pinocchio reduces model and geometry in one call, so the model is reduced again for each kind of geometry.
-        unique = _UniqueFrameNames(self._full)
-        (full,) = unique.models
-        if geometry is None:
-            model, reduced = pin.buildReducedModel(full, self._joints, self._reference), None
-        else:
-            model, reduced = pin.buildReducedModel(full, geometry, self._joints, self._reference)
-        unique.restore(model)
-        return model, reduced
+    named = NamedModel(model)
+    joints = [named.joint_id(name) for name in lock]
+    if "root_joint" in lock and model.joints[named.joint_id("root_joint")].nv > 1:
+        raise ModelError(f"'root_joint' cannot be locked: load the robot with {argument('base', 'fixed')} instead")
+    # Pinocchio reduces model and geometry in one call, so the model is reduced again for each kind of geometry.
+    found, shapes = _built(pin.buildReducedModel, [model], [geometry], joints, named.configuration(lock))
+    for name, joint in zip(lock, joints, strict=True):
+        # Pinocchio gives the frame of a locked joint the inertia of all links that the joint moved.
+        frame = found.frames[found.getFrameId(name, pin.FrameType.FIXED_JOINT)]
+        frame.inertia = _moved_link(model, joint)
+    return found, shapes
 
 
-class AttachedModel:
-    """Two models joined into one, with their geometry. Gravity is the carrier's.
+def _locked_geometry(
+    load: Callable[[str], pin.GeometryModel], model: pin.Model, lock: Mapping[str, JointValue], kind: str
+) -> pin.GeometryModel:
+    return locked_model(model, lock, load(kind))[1]
+
+
+def attached_model(
+    carrier: pin.Model,
+    other: pin.Model,
+    frame: int,
+    placement: pin.SE3 | None = None,
+    shapes: Sequence[pin.GeometryModel | None] = (None, None),
+) -> tuple[pin.Model, pin.GeometryModel]:
+    """Return two models joined into one, with their geometry. Gravity is the carrier's.
 
     Args:
         carrier: model that carries the other.
         other: attached model.
         frame: index of the carrier's frame.
-        placement: pose of the other model's base in that frame; None for identity.
+        placement: pose of the other model's base in that frame; identity by default.
+        shapes: geometry of both; none by default.
 
     Raises:
         ModelError: both have a joint or frame of the same name.
     """
-
-    def __init__(self, carrier: pin.Model, other: pin.Model, frame: int, placement: pin.SE3 | None) -> None:
-        for what, first, second in (
-            ("joint", list(carrier.names)[1:], list(other.names)[1:]),
-            ("frame", [each.name for each in carrier.frames][1:], [each.name for each in other.frames][1:]),
-        ):
-            for name in second:
-                if name in first:
-                    raise ModelError(f"robots '{carrier.name}' and '{other.name}' both have a {what} '{name}'")
-        self._frame, self._placement = frame, pin.SE3.Identity() if placement is None else placement
-        self._unique = _UniqueFrameNames(carrier, other)
-        self.model = pin.appendModel(*self._unique.models, frame, self._placement)
-        self._unique.restore(self.model)
-        self.model.name = f"{carrier.name} with {other.name}"
-        self.model.gravity = carrier.gravity  # appendModel takes the gravity of the second
-
-    def geometry(self, carrier: LazyGeometry, other: LazyGeometry, kind: str) -> pin.GeometryModel:
-        """Geometry of a kind of both models, attached to the joined model.
-
-        Args:
-            carrier: geometry of the carrier.
-            other: geometry of the attached robot.
-            kind: "visual" or "collision".
-        """
-        shapes = [each.get(kind) or pin.GeometryModel() for each in (carrier, other)]
-        return pin.appendModel(*self._unique.models, *shapes, self._frame, self._placement)[1]
+    for what, first, second in (
+        ("joint", list(carrier.names)[1:], list(other.names)[1:]),
+        ("frame", [each.name for each in carrier.frames][1:], [each.name for each in other.frames][1:]),
+    ):
+        for name in second:
+            if name in first:
+                raise ModelError(f"robots '{carrier.name}' and '{other.name}' both have a {what} '{name}'")
+    model, geometry = _built(pin.appendModel, [carrier, other], shapes, frame, placement or pin.SE3.Identity())
+    model.name = f"{carrier.name} with {other.name}"
+    model.gravity = carrier.gravity  # appendModel takes the gravity of the second
+    return model, geometry
 
 
-class _UniqueFrameNames:
-    """Copies of models with unique frame names, because these functions of Pinocchio find frames by name alone.
+def _attached_geometry(
+    models: tuple[pin.Model, pin.Model],
+    geometries: tuple[LazyGeometry, LazyGeometry],
+    frame: int,
+    placement: pin.SE3 | None,
+    kind: str,
+) -> pin.GeometryModel:
+    return attached_model(*models, frame, placement, [each.get(kind) for each in geometries])[1]
 
-    Frames of joints keep their names.
 
-    Args:
-        models: models with unique joint names.
-
-    Attributes:
-        models: copies of the models.
-    """
-
-    def __init__(self, *models: pin.Model) -> None:
-        self.models = tuple(model.copy() for model in models)
-        self._names: dict[str, str] = {}
-        for model in self.models:
-            # Pinocchio refuses a lower limit above the upper one, which nothing else reads.
-            model.lowerVelocityLimit = np.minimum(model.lowerVelocityLimit, model.upperVelocityLimit)
-            names = [frame.name for frame in model.frames]
-            counts = Counter(names)
-            for index, frame in enumerate(model.frames):
-                if counts[names[index]] > 1 and index and frame.type != pin.FrameType.JOINT:
-                    frame.name = f"{names[index]} (frame {index})"
-                    self._names[frame.name] = names[index]
-
-    def restore(self, model: pin.Model) -> None:
-        """Restore the original frame names in a model that was built from the copies."""
-        for frame in model.frames:
-            frame.name = self._names.get(frame.name, frame.name)
+def _built(
+    build: Callable[..., tuple[pin.Model, pin.GeometryModel]],
+    models: Sequence[pin.Model],
+    shapes: Sequence[pin.GeometryModel | None],
+    *arguments: object,
+) -> tuple[pin.Model, pin.GeometryModel]:
+    """Result of a function of Pinocchio that finds frames by name alone: it is given models with unique frame names."""
+    copies, names = [model.copy() for model in models], dict[str, str]()
+    for model in copies:
+        # Pinocchio refuses a lower limit above the upper one, which nothing else reads.
+        model.lowerVelocityLimit = np.minimum(model.lowerVelocityLimit, model.upperVelocityLimit)
+        counts = Counter(frame.name for frame in model.frames)
+        for index, frame in enumerate(model.frames):
+            if counts[frame.name] > 1 and index and frame.type != pin.FrameType.JOINT:  # frames of joints keep theirs
+                names[f"{frame.name} (frame {index})"] = frame.name
+                frame.name = f"{frame.name} (frame {index})"
+    model, geometry = build(*copies, *(each or pin.GeometryModel() for each in shapes), *arguments)
+    for frame in model.frames:
+        frame.name = names.get(frame.name, frame.name)
+    return model, geometry
 
 
 # ---------------------------------------------------------------------- other link masses
@@ -488,109 +471,69 @@ LinkMass: TypeAlias = "float | pin.Inertia"
 _ROUNDING = 1e-12  # rounding error, relative to a body's mass
 
 
-@dataclass(frozen=True)
-class _Link:
-    """Indices of the frames that store a link's inertia.
-
-    Attributes:
-        frame: index of the link's frame.
-        keeper: index of the frame that stores the inertia of this link alone; None for the link that a joint moves.
-        group: index of the frame of the joint that moves the link, or moved it before the joint was locked.
-    """
-
-    frame: int
-    keeper: int | None
-    group: int
-
-
-def with_link_masses(
-    model: pin.Model, masses: Mapping[str, LinkMass], locked: Collection[str], robot: str
-) -> pin.Model:
+def with_link_masses(model: pin.Model, masses: Mapping[str, LinkMass], robot: str) -> pin.Model:
     """Return a copy of a model with other link masses.
 
     Args:
         model: not changed.
         masses: link to mass [kg], or to its inertia in the link frame.
-        locked: names of locked joints; their frames store the inertia of all links that they moved.
         robot: name, for messages.
 
     Raises:
         ModelError: unknown link, a link without a mass to scale, or a mass that is not positive.
     """
     changed = model.copy()
-    links = _links(model, locked)
+    links = {frame.name: k for k, frame in enumerate(model.frames) if frame.type == pin.FrameType.BODY}
     for name, mass in masses.items():
         if name not in links:
             raise ModelError(f"no link '{name}' in robot '{robot}'{nearest(str(name), links)}")
-        link = links[name]
+        frame = changed.frames[links[name]]
         # From the changed model: several links can be parts of one body.
-        old = _own(changed, link, locked)
-        _exchange(changed, link, _new(name, mass, old, robot), old)
+        keeper, joint = _keeper(changed, links[name]), frame.parentJoint
+        own = _moved_link(changed, joint) if keeper is None else keeper.placement.act(keeper.inertia)
+        old = np.array(own.toDynamicParameters())
+        new = _new(name, mass, old, robot)
+        parameters = frame.placement.act(new).toDynamicParameters() if isinstance(new, pin.Inertia) else new
+        whole = np.array(changed.inertias[joint].toDynamicParameters())
+        # A single link is scaled exactly, without the rounding errors of a sum and a difference.
+        alone = np.abs(whole - old).max() <= _ROUNDING * np.abs(whole).max()
+        total = parameters if alone else whole + parameters - old
+        changed.inertias[joint] = pin.Inertia.FromDynamicParameters(total)
+        # The record has to follow the sum, or the next change of a mass would start from the old one.
+        if keeper is not None:
+            keeper.inertia = keeper.placement.actInv(pin.Inertia.FromDynamicParameters(parameters))
     return changed
 
 
-def _links(model: pin.Model, locked: Collection[str]) -> dict[str, _Link]:
-    frames, found, moved = model.frames, {}, set()
-    for index, frame in enumerate(frames):
-        if frame.type != pin.FrameType.BODY:
-            continue
-        # Pinocchio's own rule: the frame of a fixed joint stores the inertia of its child, and a joint's model stores
-        # the sum.
-        group, parent = _group(model, index, locked), frame.parentFrame
-        if _weighs(frame):
-            found[frame.name] = _Link(index, index, group)
-        elif _keeps_one(frames[parent], locked) and parent != group:
-            found[frame.name] = _Link(index, parent, group)
-        elif group not in moved:  # the first link of the group without a stored inertia
-            moved.add(group)
-            found[frame.name] = _Link(index, None, group)
-        else:
-            found[frame.name] = _Link(index, index, group)
-    return found
+def _keeper(model: pin.Model, index: int) -> pin.Frame | None:
+    """Frame that records the inertia of a link alone; None for the link that a joint moves, which has no record.
 
-
-def _group(model: pin.Model, index: int, locked: Collection[str]) -> int:
-    """Index of the frame of the joint, locked or not, that moves a frame; 0 if none does."""
-    while index and not _holds_all(model.frames[index], locked):
-        index = model.frames[index].parentFrame
-    return int(index)
-
-
-def _holds_all(frame: pin.Frame, locked: Collection[str]) -> bool:
-    return frame.type == pin.FrameType.JOINT or (frame.type == pin.FrameType.FIXED_JOINT and frame.name in locked)
-
-
-def _keeps_one(frame: pin.Frame, locked: Collection[str]) -> bool:
-    return frame.type == pin.FrameType.FIXED_JOINT and frame.name not in locked
+    Pinocchio's own rule: the frame of a fixed joint stores the inertia of its child, and a joint's model stores the
+    sum.
+    """
+    frames, frame = model.frames, model.frames[index]
+    if _weighs(frame):
+        return frame
+    if frames[frame.parentFrame].type == pin.FrameType.FIXED_JOINT:
+        return frames[frame.parentFrame]
+    bodies = [
+        (k, each) for k, each in enumerate(frames) if (each.type, each.parentJoint) == (frame.type, frame.parentJoint)
+    ]
+    fixed = pin.FrameType.FIXED_JOINT
+    first = next(k for k, each in bodies if not _weighs(each) and frames[each.parentFrame].type != fixed)
+    return None if first == index else frame
 
 
 def _weighs(frame: pin.Frame) -> bool:
     return bool(frame.inertia.mass or frame.inertia.inertia.any())
 
 
-def _parameters(inertia: pin.Inertia, place: pin.SE3) -> np.ndarray:
-    """Ten dynamic parameters of a body, about the origin of the joint that carries it."""
-    return np.array(place.act(inertia).toDynamicParameters())
-
-
-def _own(model: pin.Model, link: _Link, locked: Collection[str]) -> np.ndarray:
-    """Dynamic parameters (10,) of a link alone, in the frame of the joint that carries it."""
-    frame = model.frames[link.frame]
-    if link.keeper is not None:
-        keeper = model.frames[link.keeper]
-        return _parameters(keeper.inertia, keeper.placement)
-    group = model.frames[link.group]
-    at_joint = group.type == pin.FrameType.JOINT or not link.group
-    whole = model.inertias[frame.parentJoint].toDynamicParameters() if at_joint else None
-    # The link that the joint moves has no record of its own: subtract what the other frames recorded from the whole.
-    own = np.array(whole) if whole is not None else _parameters(group.inertia, group.placement)
-    for index, other in enumerate(model.frames):
-        if other.parentJoint != frame.parentJoint or not _weighs(other) or index == link.group:
-            continue
-        inside = _group(model, index, locked) == link.group
-        whole_group = at_joint and _holds_all(other, locked)  # a locked joint stores all that it moved
-        if inside or whole_group:
-            own -= _parameters(other.inertia, other.placement)
+def _moved_link(model: pin.Model, joint: int) -> pin.Inertia:
+    """Inertia of the link that a joint moves, in its frame: the sum without what frames record of other links."""
+    own = model.inertias[joint]
+    for frame in model.frames:
+        if frame.parentJoint == joint and _weighs(frame):
+            own = own - frame.placement.act(frame.inertia)
     return own
 
 
@@ -607,19 +550,3 @@ def _new(name: str, mass: object, old: np.ndarray, robot: str) -> np.ndarray | p
         )
     # Same density distribution: the first moment and the inertia scale with the mass.
     return old * (float(mass) / old[0])
-
-
-def _exchange(model: pin.Model, link: _Link, new: np.ndarray | pin.Inertia, old: np.ndarray) -> None:
-    frame = model.frames[link.frame]
-    parameters = new if isinstance(new, np.ndarray) else _parameters(new, frame.placement)
-    joint, difference = frame.parentJoint, parameters - old
-    whole = np.array(model.inertias[joint].toDynamicParameters())
-    # A single link is scaled exactly, without the rounding errors of a sum and a difference.
-    alone = np.abs(whole - old).max() <= _ROUNDING * np.abs(whole).max()
-    model.inertias[joint] = pin.Inertia.FromDynamicParameters(parameters if alone else whole + difference)
-    # The records have to follow the sum, or the next change of a mass would start from the old ones.
-    keepers = [index for index in (link.keeper, link.group) if index is not None and _weighs(model.frames[index])]
-    for index in dict.fromkeys(keepers):
-        kept = model.frames[index]
-        changed = _parameters(kept.inertia, kept.placement) + difference
-        kept.inertia = kept.placement.actInv(pin.Inertia.FromDynamicParameters(changed))
