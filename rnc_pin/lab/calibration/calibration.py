@@ -12,7 +12,7 @@ import pinocchio as pin
 from rnc_pin.errors import ConfigurationError, InfeasibleError
 from rnc_pin.lab.calibration.rolling_motion import RollingMotion
 from rnc_pin.lab.calibration.unknowns import SensorPlace, Unknown, UnknownNumber, corrections_of, radii_of
-from rnc_pin.lab.calibration.window_fit import Fit, WindowFit, Windows, correlation_of, rotated
+from rnc_pin.lab.calibration.window_fit import Fit, WindowFit, Windows, correlation_of, joined, plane
 from rnc_pin.lab.logs.channel import Channel, Correction
 from rnc_pin.lab.logs.log import Log
 from rnc_pin.model.coordinates import heading_of
@@ -287,8 +287,7 @@ class PoseProblem:
         at = np.stack([np.interp(times, self.times, column) for column in self.measured.T], axis=1)
         mount = self._motion.mount
         heading = at[:, 2] - mount[2]
-        arm = rotated(heading, np.broadcast_to(mount[:2], (len(times), 2)))
-        found = np.column_stack([at[:, :2] - arm, heading])
+        found = joined(plane(at) - np.exp(1j * heading) * complex(*mount[:2]), heading)
         found[~inside] = np.nan
         return found
 
@@ -503,9 +502,8 @@ def _replay(motion: RollingMotion, problem: PoseProblem, slip: Mapping[str, tupl
     measured = problem.base_poses(times)
     # Sensor and base are one body: the fit predicts the sensor.
     heading = measured[:, 2] + fit.residuals[:, 2]
-    sensor = problem.measured[chosen.samples, :2] + fit.residuals[:, :2]
-    arm = rotated(heading, np.broadcast_to(motion.mount[:2], (len(times), 2)))
-    predicted = np.column_stack([sensor - arm, heading])
+    sensor = plane(problem.measured[chosen.samples]) + plane(fit.residuals)
+    predicted = joined(sensor - np.exp(1j * heading) * complex(*motion.mount[:2]), heading)
     q = motion.with_base(motion.configurations(times), predicted)
     return Replay(times, measured, predicted, q, slip)
 

@@ -11,7 +11,7 @@ import pinocchio as pin
 from rnc_pin.errors import ConfigurationError, InfeasibleError, argument, few, nearest
 from rnc_pin.lab.calibration import unknowns
 from rnc_pin.lab.calibration.unknowns import RowGeometry, Virtual
-from rnc_pin.lab.calibration.window_fit import Poses, RolledPath, rotated, sideways
+from rnc_pin.lab.calibration.window_fit import Poses, RolledPath, joined, plane
 from rnc_pin.lab.logs.channel import Channel
 from rnc_pin.lab.logs.log import Log
 from rnc_pin.model.coordinates import heading_of
@@ -159,22 +159,17 @@ class RollingMotion:
                   if isinstance(each.kind, unknowns.SensorPlace)]  # fmt: skip
         for k, axis in places:
             mount[axis] = p[k]
-        heading = base.values[:, 2]
-        arm = rotated(heading, np.broadcast_to(mount[:2], (len(times), 2)))
-        values = base.values + np.column_stack([arm, np.full(len(times), mount[2])])
-        slopes, rates, away = base.slopes, base.rates, sideways(arm)
-        for k in range(len(p)):
-            # The sensor is away from the base: a turn of the base moves it sideways.
-            slopes[:, 0, k] += away[:, 0] * slopes[:, 2, k]
-            slopes[:, 1, k] += away[:, 1] * slopes[:, 2, k]
+        turned, size = np.exp(1j * base.values[:, 2]), len(times)
+        arm = turned * complex(*mount[:2])
+        slopes, rates, away = base.slopes, base.rates, np.stack([-arm.imag, arm.real], axis=1)
+        # The sensor is away from the base: a turn of the base moves it sideways.
+        slopes[:, :2] += away[:, :, None] * slopes[:, 2:]
         rates[:, :2] += away * rates[:, 2:]
         for k, axis in places:
-            unit = np.eye(3)[axis]
-            slopes[:, :2, k] += rotated(heading, np.broadcast_to(unit[:2], (len(times), 2)))
-            slopes[:, 2, k] += unit[2]
+            slopes[:, :, k] += joined(turned * (1.0, 1j, 0.0)[axis], np.full(size, float(axis == 2)))
         for k in late:
             slopes[:, :, k] -= rates
-        return Poses(values, slopes, rates)
+        return Poses(base.values + joined(arm, np.full(size, mount[2])), slopes, rates)
 
     @property
     def _nominal(self) -> np.ndarray:
@@ -231,13 +226,13 @@ class RollingMotion:
         change = np.diff(poses, axis=0)
         turn = change[:, 2]
         # The twist that leads from one pose to the next: chords of arcs are shorter than their lengths, by sinc.
-        half = rotated(-(poses[:-1, 2] + turn / 2), change[:, :2]) / np.sinc(turn / (2 * np.pi))[:, None]
+        half = np.exp(-1j * (poses[:-1, 2] + turn / 2)) * plane(change) / np.sinc(turn / (2 * np.pi))
         size = len(self._unknown_columns)
-        slip = _product(A[:, :, :3], np.column_stack([half, turn])) + _product(A[:, :, size:], moved)
+        slip = np.matvec(A[:, :, :3], joined(half, turn)) + np.matvec(A[:, :, size:], moved)
         others = A[:, :, 3:size]
         if others.shape[2]:
             inverse = np.linalg.pinv(others)
-            slip = slip - _product(others, _product(inverse, np.nan_to_num(slip)))
+            slip = slip - np.matvec(others, np.matvec(inverse, np.nan_to_num(slip)))
         return (self.time[1:] + self.time[:-1]) / 2, slip
 
     def _steps(self, p: np.ndarray) -> tuple[np.ndarray, dict[int, np.ndarray]]:
@@ -333,29 +328,24 @@ class _Solution:
         if (pivots <= singular * normal.diagonal(axis1=1, axis2=2)).any():
             raise InfeasibleError("the rows do not determine the motion of the base at each measured position")
         self._inverse = np.linalg.inv(normal)
-        free = self._solved(_product(self._driven, changes))
+        free = self._solved(np.matvec(self._driven, changes))
         self.whole = np.concatenate([free, changes], axis=1)
-        self._residual = _product(A, self.whole)
+        self._residual = np.matvec(A, self.whole)
 
     def _solved(self, driven: np.ndarray) -> np.ndarray:
         """Motion (N, s) of the first columns that cancels rows (N, k) best."""
-        return -_product(self._inverse, _product(self._left.mT, driven))
+        return -np.matvec(self._inverse, np.matvec(self._left.mT, driven))
 
     def effect_of_rows(self, slope: np.ndarray) -> np.ndarray:
         """Derivative (N, s) of the motion for a derivative (N or 1, k, c) of the rows."""
         size = self._left.shape[2]
         # Derivative of the normal equations: rows that contradict each other leave a residual, which turns with them.
-        by_residual = _product(self._inverse, _product(slope[:, :, :size].mT, self._residual))
-        return self._solved(_product(slope, self.whole)) - by_residual
+        by_residual = np.matvec(self._inverse, np.matvec(slope[:, :, :size].mT, self._residual))
+        return self._solved(np.matvec(slope, self.whole)) - by_residual
 
     def effect_of_change(self, joint: int, rate: np.ndarray) -> np.ndarray:
         """Derivative (N, s) of the motion for a derivative (N,) of the changes of one measured joint."""
         return self._solved(self._driven[:, :, joint] * rate[:, None])
-
-
-def _product(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Products (N, k) of matrices (N or 1, k, l) with vectors (N, l)."""
-    return np.asarray((matrices @ vectors[:, :, None])[:, :, 0])
 
 
 def _held(channel: Channel, times: np.ndarray) -> np.ndarray:

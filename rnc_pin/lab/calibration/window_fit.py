@@ -34,15 +34,11 @@ class RolledPath:
 
     def __init__(self, time: Array, steps: Array, slopes: Mapping[int, Array], size: int) -> None:
         self._time, self._steps, self._slopes, self._size = time, steps, slopes, size
-        self._pose = np.zeros((3, len(time)))
-        np.cumsum(steps[2], out=self._pose[2, 1:])
-        displacement = _Displacement(self._pose[2, :-1], steps)
-        np.cumsum(displacement.values, axis=1, out=self._pose[:2, 1:])
-        self._d_pose: dict[int, Array] = {}
-        for k, slope in slopes.items():
-            change = self._d_pose[k] = np.zeros((3, len(time)))
-            np.cumsum(slope[2], out=change[2, 1:])
-            np.cumsum(displacement.along(slope, change[2, :-1]), axis=1, out=change[:2, 1:])
+        self._heading = _summed(steps[2])
+        displacement = _Displacement(self._heading[:-1], steps)
+        self._place = _summed(displacement.values)
+        self._d_heading = {k: _summed(slope[2]) for k, slope in slopes.items()}
+        self._d_place = {k: _summed(displacement.along(slope, self._d_heading[k][:-1])) for k, slope in slopes.items()}
 
     def at(self, times: Array) -> Poses:
         """Poses at times (M,) within the path.
@@ -52,71 +48,56 @@ class RolledPath:
         """
         k = np.clip(np.searchsorted(self._time, times, side="right") - 1, 0, self._steps.shape[1] - 1)
         interval = self._time[k + 1] - self._time[k]
-        share = (times - self._time[k]) / interval
-        step, begin = self._steps[:, k], self._pose[:, k]
-        displacement = _Displacement(begin[2], step * share)
+        share, step = (times - self._time[k]) / interval, self._steps[:, k]
+        displacement = _Displacement(self._heading[k], step * share)
+        values = joined(self._place[k] + displacement.values, self._heading[k] + step[2] * share)
         # Columns are contiguous: all that follows works on whole columns.
-        values = np.empty((len(times), 3), order="F")
-        values[:, :2] = (begin[:2] + displacement.values).T
-        values[:, 2] = begin[2] + step[2] * share
         slopes = np.zeros((len(times), 3, self._size), order="F")
         for number, slope in self._slopes.items():
-            part, change = share * slope[:, k], self._d_pose[number][:, k]
-            slopes[:, :2, number] = (change[:2] + displacement.along(part, change[2])).T
-            slopes[:, 2, number] = change[2] + part[2]
-        rate = (step / interval).T
-        rates = np.column_stack([rotated(values[:, 2], rate[:, :2]), rate[:, 2]])
-        return Poses(values, slopes, rates)
+            part, turn = share * slope[:, k], self._d_heading[number][k]
+            place = self._d_place[number][k] + displacement.along(part, turn)
+            slopes[:, 0, number], slopes[:, 1, number], slopes[:, 2, number] = place.real, place.imag, turn + part[2]
+        along, across, turning = step / interval
+        return Poses(values, slopes, joined(np.exp(1j * values[:, 2]) * (along + 1j * across), turning))
 
 
-def rotated(angle: Array, vectors: Array) -> Array:
-    """Plane vectors (M, 2, ...) turned by angles (M,).
-
-    Args:
-        angle: angles (M,) [rad].
-        vectors: vectors (M, 2, ...).
-    """
-    angle = angle.reshape(-1, *[1] * (vectors.ndim - 2))
-    cosine, sine = np.cos(angle), np.sin(angle)
-    x, y = vectors[:, 0], vectors[:, 1]
-    return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=1)
+def _summed(steps: Array) -> Array:
+    return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def sideways(vectors: Array) -> Array:
-    """Plane vectors (M, 2) turned by a right angle."""
-    return np.stack([-vectors[:, 1], vectors[:, 0]], axis=1)
+def plane(poses: Array) -> Array:
+    """Positions (M,) of poses (M, 3) as complex numbers: turns and shifts of the plane are products and sums."""
+    return poses[:, 0] + 1j * poses[:, 1]
+
+
+def joined(place: Array, heading: Array) -> Array:
+    """Poses (M, 3) of complex positions (M,) and headings (M,)."""
+    return np.column_stack([place.real, place.imag, heading])
 
 
 class _Displacement:
-    """Displacements (2, N) of twists (3, N) of a base with a heading (N,), with their derivatives."""
+    """Complex displacements (N,) of twists (3, N) of a base with a heading (N,), with their derivatives."""
 
     def __init__(self, heading: Array, twist: Array) -> None:
-        x, y, w = twist
+        length, w = twist[0] + 1j * twist[1], twist[2]
         series_angle = 1e-3  # below which series replace quotients
         small = np.abs(w) < series_angle
-        safe = np.where(small, 1.0, w)
-        s, c = arc_chord(w)
-        d_s = np.where(small, -w / 3 + w**3 / 30, (np.cos(w) - s) / safe)
-        d_c = np.where(small, 0.5 - w**2 / 8 + w**4 / 144, (np.sin(w) - c) / safe)
-        cosine, sine = np.cos(heading), np.sin(heading)
-        # By the twist: (p, -q; q, p) = R(heading) (s, -c; c, s) for its lengths, (a, b) for its angle.
-        self._p, self._q = cosine * s - sine * c, sine * s + cosine * c
-        along, side = d_s * x - d_c * y, d_s * y + d_c * x
-        self._a, self._b = cosine * along - sine * side, sine * along + cosine * side
-        self.values = np.stack([self._p * x - self._q * y, self._q * x + self._p * y])
+        along, across = arc_chord(w)
+        chord, turned = along + 1j * across, np.exp(1j * heading)
+        series = -w / 3 + w**3 / 30 + 1j * (0.5 - w**2 / 8 + w**4 / 144)
+        slope = np.where(small, series, (np.exp(1j * w) - chord) / np.where(small, 1.0, w))
+        self._by_length, self._by_angle = turned * chord, turned * slope * length
+        self.values = self._by_length * length
 
     def along(self, slope: Array, turn: Array) -> Array:
-        """Derivatives (2, N) for derivatives of the twist (3, N) and of the heading (N,).
+        """Derivatives (N,) for derivatives of the twist (3, N) and of the heading (N,).
 
         Args:
             slope: derivatives of the twist (3, N).
             turn: derivatives of the heading (N,).
         """
         x, y, w = slope
-        return np.stack([
-            self._p * x - self._q * y + self._a * w - self.values[1] * turn,
-            self._q * x + self._p * y + self._b * w + self.values[0] * turn,
-        ])  # fmt: skip
+        return self._by_length * (x + 1j * y) + self._by_angle * w + 1j * self.values * turn
 
 
 _POSITION, _HEADING = 2.0, 1.5  # residuals in standard deviations above which a sample counts less (Huber)
@@ -169,35 +150,33 @@ class Fit:
 
     def scaled(self) -> tuple[Array, Array]:
         """Weighted residuals (3 M,) and derivatives (3 M, P), without unit; all x first, then all y and headings."""
-        root = (np.sqrt(self.weights)[:, [0, 0, 1]] / self.deviations[[0, 0, 1]]).ravel(order="F")
-        J = self.jacobian.reshape(len(root), -1, order="F")
-        return root * self.residuals.ravel(order="F"), (root * J.T).T
+        root = (np.sqrt(self.weights)[:, [0, 0, 1]] / self.deviations[[0, 0, 1]]).T.ravel()
+        J = self.jacobian.swapaxes(0, 1).reshape(len(root), -1)
+        return root * self.residuals.T.ravel(), root[:, None] * J
 
 
 def _first_poses(poses: Array, measured: Array, windows: Windows, w: Array) -> tuple[Array, Array]:
-    """Rotation (windows,) and shift (windows, 2) that bring predicted poses to measured ones, for weights (M, 2)."""
-    total = windows.sums(w[:, :1])
-    at = windows.number
-    means = [windows.sums(w[:, :1] * each[:, :2]) / total for each in (poses, measured)]
-    a, z = poses[:, :2] - means[0][at], measured[:, :2] - means[1][at]
-    A = windows.sums(w[:, 0] * np.sum(a * z, axis=1))
-    B = windows.sums(w[:, 0] * (a[:, 0] * z[:, 1] - a[:, 1] * z[:, 0]))
+    """Turns (windows,) and complex shifts that bring predicted poses to measured ones best, for weights (M, 2)."""
+    total, places = windows.sums(w[:, 0]), (plane(poses), plane(measured))
+    means = [windows.sums(w[:, 0] * each) / total for each in places]
+    a, z = (each - mean[windows.number] for each, mean in zip(places, means, strict=True))
+    C = windows.sums(w[:, 0] * a.conj() * z)
     W, H = windows.sums(w[:, 1]), windows.sums(w[:, 1] * (measured[:, 2] - poses[:, 2]))
     near = np.divide(H, W, out=np.zeros_like(H), where=W > 0)
-    by_position = np.arctan2(B, A)
-    # Newton's method for the minimum of -A cos - B sin + W turn^2 / 2 - H turn, from the better of two guesses.
+    by_position = np.angle(C)
+    # Newton's method for the minimum of -Re(C exp(-i turn)) + W turn^2 / 2 - H turn, from the better of two guesses.
     turns = [by_position + 2 * np.pi * np.round((near - by_position) / (2 * np.pi)), near]
-    costs = [-A * np.cos(t) - B * np.sin(t) + W * t**2 / 2 - H * t for t in turns]
+    costs = [-(C * np.exp(-1j * t)).real + W * t**2 / 2 - H * t for t in turns]
     turn = np.where(costs[0] <= costs[1], *turns)
     for _ in range(30):  # a bound only: from the better guess, a few steps do
+        rest = C * np.exp(-1j * turn)
         # The absolute value: where the cost is concave, a step of Newton's method would climb.
-        bend = np.maximum(np.abs(A * np.cos(turn) + B * np.sin(turn)) + W, 1e-300)
-        step = (A * np.sin(turn) - B * np.cos(turn) + W * turn - H) / bend
+        step = (W * turn - H - rest.imag) / np.maximum(np.abs(rest.real) + W, 1e-300)
         # At most a radian: far from the minimum, the curvature says little.
         turn = turn - np.clip(step, -1.0, 1.0)
         if np.abs(step).max(initial=0.0) < 1e-14:
             break
-    return turn, means[1] - rotated(turn, means[0])
+    return turn, means[1] - np.exp(1j * turn) * means[0]
 
 
 def weighted(fit: Fit, heading: bool, previous: Array | None = None) -> Fit:
@@ -258,8 +237,7 @@ def correlation_length(residuals: Array) -> float:
     limit = len(r) // 2
     # Zeros behind the residuals, at least as many: the product of spectra is periodic.
     size = 2 ** int(np.ceil(np.log2(2 * len(r))))
-    spectrum = np.abs(np.fft.rfft(r, size)) ** 2
-    product = np.fft.irfft(spectrum, size)[:limit]
+    product = np.fft.irfft(np.abs(np.fft.rfft(r, size)) ** 2, size)[:limit]
     if limit == 0 or product[0] <= 0:
         return 1.0
     rho = product[1:] / product[0]
@@ -295,42 +273,30 @@ class WindowFit:
 
         Without one, weights are equal. Each window has the first pose that is best for these weights.
         """
-        count, measured, windows, heading = len(poses), self._measured, self._windows, self._heading
+        measured, windows, at = self._measured, self._windows, self._windows.number
         deviations = np.ones(2) if previous is None else previous.deviations
-        weights = np.ones((count, 2)) if previous is None else previous.weights
-        w = weights / deviations**2 * [1.0, float(heading)]
+        weights = np.ones((len(poses), 2)) if previous is None else previous.weights
+        w = weights / deviations**2 * [1.0, float(self._heading)]
         turn, shift = _first_poses(poses, measured, windows, w)
-        at = windows.number
-        cosine, sine = np.cos(turn)[at], np.sin(turn)[at]
-        moved = rotated(turn[at], poses[:, :2])
-        residuals = np.empty((count, 3), order="F")
-        residuals[:, :2] = moved + shift[at] - measured[:, :2]
-        residuals[:, 2] = poses[:, 2] + turn[at] - measured[:, 2] if heading else 0.0
-        size = slopes.shape[2]
-        J = np.empty((count, 3, size), order="F")
-        if size:
-            away, (of_position, of_heading) = sideways(moved), np.ascontiguousarray(w.T)
-            # Weighted sums over products of derivatives with respect to the first pose: x, y and turn.
-            pushed = of_position[:, None] * away
-            total, cross = windows.sums(of_position), windows.sums(pushed)
-            normal = np.zeros((windows.count, 3, 3))
-            normal[:, 0, 0] = normal[:, 1, 1] = total
-            normal[:, :2, 2] = normal[:, 2, :2] = cross
-            normal[:, 2, 2] = windows.sums(np.sum(pushed * away, axis=1) + of_heading)
-            # Not by solve: without headings, a window whose base stands still does not determine its first turn.
-            inverse = np.linalg.pinv(normal, hermitian=True)
-        for k in range(size):
-            dx, dy, turned = slopes[:, 0, k], slopes[:, 1, k], slopes[:, 2, k]
-            x, y = cosine * dx - sine * dy, sine * dx + cosine * dy
-            sums = np.stack([
-                windows.sums(of_position * x), windows.sums(of_position * y),
-                windows.sums(pushed[:, 0] * x + pushed[:, 1] * y + of_heading * turned),
-            ], axis=1)  # fmt: skip
-            first = (inverse @ sums[:, :, None])[at, :, 0]
-            J[:, 0, k] = x - first[:, 0] - away[:, 0] * first[:, 2]
-            J[:, 1, k] = y - first[:, 1] - away[:, 1] * first[:, 2]
-            J[:, 2, k] = turned - first[:, 2] if heading else 0.0
-        return Fit(residuals, J, weights, deviations)
+        turned, of_place, of_heading = np.exp(1j * turn)[at], w[:, :1], w[:, 1:]
+        moved = turned * plane(poses)
+        residuals = joined(moved + shift[at] - plane(measured), poses[:, 2] + turn[at] - measured[:, 2])
+
+        def centered(places: Array) -> Array:
+            """Places (M, k) without what the first position of their window takes."""
+            return np.asarray(places - (windows.sums(of_place * places) / windows.sums(of_place))[at])
+
+        # The best first turn takes its share of each derivative too.
+        away = 1j * centered(moved[:, None])
+        change, rates = centered(turned[:, None] * (slopes[:, 0] + 1j * slopes[:, 1])), slopes[:, 2]
+        wanted = windows.sums(of_place * (away.conj() * change).real + of_heading * rates)
+        lever, size = (windows.sums(of_place * np.abs(each) ** 2 + of_heading) for each in (away, moved[:, None]))
+        # Without headings, a window whose base stands still does not determine its first turn.
+        first = np.divide(wanted, lever, out=np.zeros_like(wanted), where=lever > 1e-15 * size)[at]
+        change, rates = change - away * first, rates - first
+        if not self._heading:
+            residuals[:, 2], rates = 0.0, np.zeros_like(rates)
+        return Fit(residuals, np.stack([change.real, change.imag, rates]).swapaxes(0, 1), weights, deviations)
 
     def _settled(self, poses: Array, slopes: Array, fit: Fit, previous: Array | None = None) -> Fit:
         """The fit with first poses that are best for the weights of its residuals.
