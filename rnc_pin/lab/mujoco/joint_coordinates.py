@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
+import scipy
 
 from rnc_pin.model.coordinates import heading_of
 
@@ -96,9 +97,20 @@ class BallJoint(JointCoordinates):
 
 
 class BaseCoordinates(JointCoordinates):
-    """Conversion of a planar or free base, whose velocities differ."""
+    """Conversion of a planar or free base, whose velocities differ: MuJoCo has ``velocity_map(qpos) @ v``."""
 
-    @abstractmethod
+    def write(self, pinocchio: JointState, mujoco: JointState) -> None:
+        self.write_pose(pinocchio.q[self.q :], mujoco.q[self.qpos :])
+        J = self.velocity_map(mujoco.q[self.qpos :])
+        mujoco.v[self.dof : self.dof + len(J)] = J @ pinocchio.v[self.v : self.v + self.nv]
+
+    def read(self, mujoco: JointState, pinocchio: JointState) -> None:
+        self.read_pose(mujoco.q[self.qpos :], pinocchio.q[self.q :])
+        J = self.velocity_map(mujoco.q[self.qpos :])
+        pinocchio.v[self.v : self.v + self.nv] = (
+            mujoco.v[self.dof : self.dof + len(J)] @ J
+        )  # its columns are orthonormal
+
     def add_force(self, qpos: np.ndarray, force: np.ndarray, applied: np.ndarray) -> None:
         """Add a generalized force of Pinocchio (nv,) to the applied force of MuJoCo.
 
@@ -106,6 +118,34 @@ class BaseCoordinates(JointCoordinates):
             qpos: positions of MuJoCo.
             force: generalized force (nv,).
             applied: applied force of MuJoCo, which receives it.
+        """
+        J = self.velocity_map(qpos[self.qpos :])
+        applied[self.dof : self.dof + len(J)] += J @ force[self.v : self.v + self.nv]
+
+    @abstractmethod
+    def write_pose(self, q: np.ndarray, qpos: np.ndarray) -> None:
+        """Write the pose of Pinocchio to MuJoCo's; both begin with the base.
+
+        Args:
+            q: configuration.
+            qpos: positions of MuJoCo, which receive it.
+        """
+
+    @abstractmethod
+    def read_pose(self, qpos: np.ndarray, q: np.ndarray) -> None:
+        """Write the pose of MuJoCo to Pinocchio's; both begin with the base.
+
+        Args:
+            qpos: positions of MuJoCo.
+            q: configuration, which receives it.
+        """
+
+    @abstractmethod
+    def velocity_map(self, qpos: np.ndarray) -> np.ndarray:
+        """Velocities of MuJoCo from those of Pinocchio, (k, nv).
+
+        Args:
+            qpos: positions of MuJoCo that begin with the base.
         """
 
 
@@ -115,32 +155,17 @@ class PlanarBase(BaseCoordinates):
 
     lifted: bool = False
 
-    @property
-    def _turn(self) -> int:
-        return 3 if self.lifted else 2
+    def write_pose(self, q: np.ndarray, qpos: np.ndarray) -> None:
+        qpos[:2], qpos[2 + self.lifted] = q[:2], np.arctan2(q[3], q[2])
 
-    def write(self, pinocchio: JointState, mujoco: JointState) -> None:
-        x, y, c, s = pinocchio.q[self.q : self.q + 4]
-        vx, vy, w = pinocchio.v[self.v : self.v + 3]
-        mujoco.q[self.qpos : self.qpos + 2] = x, y
-        mujoco.q[self.qpos + self._turn] = np.arctan2(s, c)
-        mujoco.v[self.dof : self.dof + 2] = c * vx - s * vy, s * vx + c * vy
-        mujoco.v[self.dof + self._turn] = w
+    def read_pose(self, qpos: np.ndarray, q: np.ndarray) -> None:
+        angle = qpos[2 + self.lifted]
+        q[:4] = *qpos[:2], np.cos(angle), np.sin(angle)
 
-    def read(self, mujoco: JointState, pinocchio: JointState) -> None:
-        angle = mujoco.q[self.qpos + self._turn]
-        c, s = np.cos(angle), np.sin(angle)
-        vx, vy = mujoco.v[self.dof : self.dof + 2]
-        pinocchio.q[self.q : self.q + 4] = *mujoco.q[self.qpos : self.qpos + 2], c, s
-        pinocchio.v[self.v : self.v + 3] = c * vx + s * vy, c * vy - s * vx, mujoco.v[self.dof + self._turn]
-
-    def add_force(self, qpos: np.ndarray, force: np.ndarray, applied: np.ndarray) -> None:
-        angle = qpos[self.qpos + self._turn]
-        c, s = np.cos(angle), np.sin(angle)
-        fx, fy, torque = force[self.v : self.v + 3]
-        applied[self.dof] += c * fx - s * fy
-        applied[self.dof + 1] += s * fx + c * fy
-        applied[self.dof + self._turn] += torque
+    def velocity_map(self, qpos: np.ndarray) -> np.ndarray:
+        found = np.zeros((3 + self.lifted, 3))
+        found[:2, :2], found[-1, 2] = pin.utils.rotate("z", qpos[2 + self.lifted])[:2, :2], 1.0
+        return found
 
 
 @dataclass(frozen=True)
@@ -149,20 +174,14 @@ class FreeBase(BaseCoordinates):
 
     placement: pin.SE3
 
-    def write(self, pinocchio: JointState, mujoco: JointState) -> None:
-        pose = self.placement * pin.XYZQUATToSE3(pinocchio.q[self.q : self.q + 7])
-        _write_pose(pose, pinocchio.v[self.v : self.v + 3], pinocchio.v[self.v + 3 : self.v + 6], self, mujoco)
+    def write_pose(self, q: np.ndarray, qpos: np.ndarray) -> None:
+        _write_pose(self.placement * pin.XYZQUATToSE3(q[:7]), qpos)
 
-    def read(self, mujoco: JointState, pinocchio: JointState) -> None:
-        pose = _pose(mujoco.q[self.qpos : self.qpos + 7])
-        pinocchio.q[self.q : self.q + 7] = pin.SE3ToXYZQUAT(self.placement.actInv(pose))
-        pinocchio.v[self.v : self.v + 3] = pose.rotation.T @ mujoco.v[self.dof : self.dof + 3]
-        pinocchio.v[self.v + 3 : self.v + 6] = mujoco.v[self.dof + 3 : self.dof + 6]
+    def read_pose(self, qpos: np.ndarray, q: np.ndarray) -> None:
+        q[:7] = pin.SE3ToXYZQUAT(self.placement.actInv(_pose(qpos)))
 
-    def add_force(self, qpos: np.ndarray, force: np.ndarray, applied: np.ndarray) -> None:
-        rotation = _pose(qpos[self.qpos : self.qpos + 7]).rotation
-        applied[self.dof : self.dof + 3] += rotation @ force[self.v : self.v + 3]
-        applied[self.dof + 3 : self.dof + 6] += force[self.v + 3 : self.v + 6]
+    def velocity_map(self, qpos: np.ndarray) -> np.ndarray:
+        return scipy.linalg.block_diag(_pose(qpos).rotation, np.eye(3))
 
 
 @dataclass(frozen=True)
@@ -174,39 +193,32 @@ class FreePlanarBase(BaseCoordinates):
 
     placement: pin.SE3
 
-    def write(self, pinocchio: JointState, mujoco: JointState) -> None:
-        x, y, c, s = pinocchio.q[self.q : self.q + 4]
-        vx, vy, w = pinocchio.v[self.v : self.v + 3]
-        now = self.placement.actInv(_pose(mujoco.q[self.qpos : self.qpos + 7]))
+    def write_pose(self, q: np.ndarray, qpos: np.ndarray) -> None:
+        now = self.placement.actInv(_pose(qpos))
         # About the vertical only: the body keeps the lean that its load gives it.
-        turned = pin.utils.rotate("z", np.arctan2(s, c) - heading_of(now.rotation)) @ now.rotation
-        pose = self.placement * pin.SE3(turned, np.array([x, y, now.translation[2]]))
-        velocity = turned.T @ np.array([c * vx - s * vy, s * vx + c * vy, 0.0])
-        _write_pose(pose, velocity, turned.T @ np.array([0.0, 0.0, w]), self, mujoco)
+        turned = pin.utils.rotate("z", np.arctan2(q[3], q[2]) - heading_of(now.rotation)) @ now.rotation
+        _write_pose(self.placement * pin.SE3(turned, np.array([*q[:2], now.translation[2]])), qpos)
+
+    def read_pose(self, qpos: np.ndarray, q: np.ndarray) -> None:
+        pose = self.placement.actInv(_pose(qpos))
+        heading = heading_of(pose.rotation)
+        q[:4] = *pose.translation[:2], np.cos(heading), np.sin(heading)
 
     def read(self, mujoco: JointState, pinocchio: JointState) -> None:
-        pose = self.placement.actInv(_pose(mujoco.q[self.qpos : self.qpos + 7]))
-        along = self.placement.rotation.T @ mujoco.v[self.dof : self.dof + 3]
-        forward = pose.rotation[:, 0]
-        angular_velocity = pose.rotation @ mujoco.v[self.dof + 3 : self.dof + 6]
-        forward_rate = np.cross(angular_velocity, forward)
+        super().read(mujoco, pinocchio)
+        rotation = self.placement.actInv(_pose(mujoco.q[self.qpos :])).rotation
+        forward = rotation[:, 0]
+        rate = np.cross(rotation @ mujoco.v[self.dof + 3 : self.dof + 6], forward)
         # The heading is the direction of the body's x axis along the ground, also of a body that leans.
-        length = np.hypot(forward[0], forward[1])
-        c, s = forward[0] / length, forward[1] / length
-        pinocchio.q[self.q : self.q + 4] = pose.translation[0], pose.translation[1], c, s
-        rate = (c * forward_rate[1] - s * forward_rate[0]) / length
-        pinocchio.v[self.v : self.v + 3] = c * along[0] + s * along[1], c * along[1] - s * along[0], rate
+        turn = (forward[0] * rate[1] - forward[1] * rate[0]) / (forward[0] ** 2 + forward[1] ** 2)
+        pinocchio.v[self.v + 2] = turn
 
-    def add_force(self, qpos: np.ndarray, force: np.ndarray, applied: np.ndarray) -> None:
-        pose = _pose(qpos[self.qpos : self.qpos + 7])
-        forward = self.placement.rotation.T @ pose.rotation[:, 0]
-        heading = np.arctan2(forward[1], forward[0])
-        c, s = np.cos(heading), np.sin(heading)
-        fx, fy, torque = force[self.v : self.v + 3]
-        applied[self.dof : self.dof + 3] += self.placement.rotation @ np.array([c * fx - s * fy, s * fx + c * fy, 0.0])
-        # MuJoCo has torques of free bodies in their own axes.
-        up = pose.rotation.T @ self.placement.rotation[:, 2]
-        applied[self.dof + 3 : self.dof + 6] += torque * up
+    def velocity_map(self, qpos: np.ndarray) -> np.ndarray:
+        rotation, placed = _pose(qpos).rotation, self.placement.rotation
+        heading = heading_of(placed.T @ rotation)
+        # MuJoCo has the linear velocity in the world, and turns of free bodies in their own axes.
+        along, up = placed @ pin.utils.rotate("z", heading)[:, :2], rotation.T @ placed[:, 2:]
+        return scipy.linalg.block_diag(along, up)
 
 
 class RobotCoordinates:
@@ -277,16 +289,10 @@ def _scalar_last(quaternion: np.ndarray) -> np.ndarray:
     return quaternion[[1, 2, 3, 0]]
 
 
-def _pose(values: np.ndarray) -> pin.SE3:
-    return pin.XYZQUATToSE3(np.concatenate([values[:3], _scalar_last(values[3:7])]))
+def _pose(qpos: np.ndarray) -> pin.SE3:
+    return pin.XYZQUATToSE3(np.concatenate([qpos[:3], _scalar_last(qpos[3:7])]))
 
 
-def _write_pose(
-    pose: pin.SE3, velocity: np.ndarray, angular_velocity: np.ndarray, joint: JointCoordinates, mujoco: JointState
-) -> None:
-    """Write a pose with its linear and angular velocity in the body frame to MuJoCo's state."""
+def _write_pose(pose: pin.SE3, qpos: np.ndarray) -> None:
     values = pin.SE3ToXYZQUAT(pose)
-    mujoco.q[joint.qpos : joint.qpos + 3] = values[:3]
-    mujoco.q[joint.qpos + 3 : joint.qpos + 7] = scalar_first(values[3:])
-    mujoco.v[joint.dof : joint.dof + 3] = pose.rotation @ velocity
-    mujoco.v[joint.dof + 3 : joint.dof + 6] = angular_velocity
+    qpos[:3], qpos[3:7] = values[:3], scalar_first(values[3:])

@@ -301,7 +301,7 @@ def test_what_would_tip_is_held_level():
     drives = [rnc.FrameForce("base", "x"), rnc.FrameTorque("base", "z"), "joint_1", "joint_2"]
     reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")], drives).reduce()
     q0 = robot.configuration({"joint_1": 0.5, "joint_2": -1.2})
-    plant, q, _ = driven(reduced, q0, np.zeros(4), np.array([5.0, 3.0, 0.5, 0.2]), 1.0)
+    plant, q, _ = driven(reduced, q0, np.array([0.3, 0.2, 0.0, 0.0]), np.array([5.0, 3.0, 0.5, 0.2]), 1.0)
     assert (plant.stance, plant.wheel_driven) == ("level", ("force(base.x)", "torque(base.z)"))
     assert q < 1e-3
 
