@@ -19,7 +19,7 @@ from rnc_pin.plants import Plant, ReducedPlant
 from rnc_pin.plants.constrained_dynamics import ConstrainedDynamics
 from rnc_pin.plants.plant import PlantReport
 from rnc_pin.simulation.derived_quantities import derive, versions
-from rnc_pin.simulation.record import Record
+from rnc_pin.simulation.run_data import Record
 from rnc_pin.simulation.run_info import RunInfo, provenance_of
 from rnc_pin.simulation.sampled_run import Progress, SampledRun, complete_run
 from rnc_pin.simulation.simulation_options import (

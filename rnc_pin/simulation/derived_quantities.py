@@ -25,8 +25,7 @@ from rnc_pin.model.rows import GroundContact, OutputStack
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import run_info
-from rnc_pin.simulation.record import GOALS, Record, blocks
-from rnc_pin.simulation.run_data import Grounds
+from rnc_pin.simulation.run_data import GOALS, Grounds, Record, blocks
 from rnc_pin.simulation.trajectory import Trajectory
 from rnc_pin.version import __version__
 

@@ -18,8 +18,7 @@ from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.simulation.limit_replay import ROUNDING, Clearance, LimitReplay, LimitUse, replay_limits
-from rnc_pin.simulation.record import blocks
-from rnc_pin.simulation.run_data import RunData
+from rnc_pin.simulation.run_data import RunData, blocks
 from rnc_pin.simulation.run_info import FORCE_UNITS, Outcome
 from rnc_pin.verdict import GOAL_TOLERANCE, MOSTLY, SHORTFALL, Finding, FindingKind, Severity, Verdict
 

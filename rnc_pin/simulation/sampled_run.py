@@ -25,8 +25,7 @@ from rnc_pin.plants.plant import PlantReport, ReportingPlant, takes_velocities
 from rnc_pin.plants.step_control import IntegrationErrors
 from rnc_pin.simulation import run_info
 from rnc_pin.simulation.derived_quantities import derive, versions
-from rnc_pin.simulation.record import Record
-from rnc_pin.simulation.run_data import Grounds
+from rnc_pin.simulation.run_data import Grounds, Record
 from rnc_pin.simulation.run_info import Outcome
 from rnc_pin.simulation.simulation_options import (
     LiftOffMonitor,

@@ -10,7 +10,7 @@ import rnc_pin as rnc
 from bodies import free_body
 from places import DATA
 from rnc_pin.model.integrators import LieRungeKutta4
-from rnc_pin.simulation import record
+from rnc_pin.simulation import run_data
 from simple_controllers import Idle, Inputs, Memoryless
 from systems import ALL, four_bar, mobile_manipulator, random_states, space_robot, space_robot_in_joints
 from tolerances import REFERENCE_SIMULATION
@@ -160,9 +160,9 @@ def test_blocks_of_samples_give_what_the_whole_run_gives(monkeypatch):
     reduced, runs = space_robot_in_joints(), []
     push = Inputs(lambda t: np.array([np.sin(3 * t), 0.5, -0.4]))
     for length in (1000, 7):
-        monkeypatch.setattr(record, "_BLOCK", length)
+        monkeypatch.setattr(run_data, "_BLOCK", length)
         runs.append(rnc.simulate(reduced, push, reduced.robot.configuration({"joint_2": 1.0}), 0.3, 0.01))
     for values, whole in zip(*(run.arrays.values() for run in runs), strict=True):
         np.testing.assert_allclose(values, whole, rtol=1e-9, atol=1e-9 * np.abs(whole[:1]).max(initial=1.0))
-    longest = max(each.stop - each.start for each in record.blocks(10**4, 50_000))
+    longest = max(each.stop - each.start for each in run_data.blocks(10**4, 50_000))
     assert 1 < longest <= 16e6 / (8 * 50_000)  # bytes of a block
