@@ -22,7 +22,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.reduction_kernel import ReductionKernel, RunRecords
 from rnc_pin.model.rows import ConstantRows, OutputRows, OutputStack
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.plants.step_control import estimated_errors
+from rnc_pin.plants.plant import estimated_errors
 
 
 class RunStarts(NamedTuple):

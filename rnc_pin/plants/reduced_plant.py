@@ -14,8 +14,7 @@ from rnc_pin.model.integrators import DEFAULT_TOLERANCE
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.constrained_dynamics import ConstrainedDynamics, VelocityChart
-from rnc_pin.plants.plant import PlantReport
-from rnc_pin.plants.step_control import MOST_EVENT_SUBSTEPS, MOST_SUBSTEPS, IntegrationErrors, Substeps
+from rnc_pin.plants.plant import MOST_EVENT_SUBSTEPS, MOST_SUBSTEPS, IntegrationErrors, PlantReport, Substeps
 from rnc_pin.printing import ReprMixin
 
 if TYPE_CHECKING:
@@ -50,8 +49,8 @@ class ReducedPlant(ReprMixin):
     loop closure. The correction has zero momentum along the admissible velocities.
 
     The plant chooses its integrator: ``LieRungeKutta4`` of ``ConstrainedDynamics``, or the exponential method of
-    ``DissipativeStep`` with damping or friction. ``step_control`` tells from the roughness of a sample whether it needs
-    a comparison; ``advance`` then doubles the number of steps until the error is within the tolerance.
+    ``DissipativeStep`` with damping or friction. ``IntegrationErrors`` tells from the roughness of a sample whether it
+    needs a comparison; ``advance`` then doubles the number of steps until the error is within the tolerance.
 
     With ``actuator_limits``, ``apply`` clips inputs. The control loop of ``simulate`` does so only if its option
     ``limits`` asks for it.

@@ -25,8 +25,8 @@ from rnc_pin.model.input_validation import numbers_of
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import ReducedPlant
 from rnc_pin.plants.constrained_dynamics import MAX_GROWTH, RunStarts, runs_of
+from rnc_pin.plants.plant import IntegrationErrors
 from rnc_pin.plants.reduced_plant import Checkpoint
-from rnc_pin.plants.step_control import IntegrationErrors
 from rnc_pin.simulation.run_info import Outcome
 from rnc_pin.simulation.sampled_run import SampledRun, complete_run
 from rnc_pin.simulation.simulation_options import RunArguments, check_arguments

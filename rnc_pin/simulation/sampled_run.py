@@ -21,8 +21,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import Plant, ReducedPlant
 from rnc_pin.plants.constrained_dynamics import integrated_outputs
-from rnc_pin.plants.plant import PlantReport, ReportingPlant, takes_velocities
-from rnc_pin.plants.step_control import IntegrationErrors
+from rnc_pin.plants.plant import IntegrationErrors, PlantReport, ReportingPlant, takes_velocities
 from rnc_pin.simulation import run_info
 from rnc_pin.simulation.derived_quantities import derive, versions
 from rnc_pin.simulation.run_data import Grounds, Record

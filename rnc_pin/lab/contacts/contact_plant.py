@@ -26,9 +26,8 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.plants.friction import DryFriction
-from rnc_pin.plants.plant import ContactEvent, PlantReport
+from rnc_pin.plants.plant import ContactEvent, IntegrationErrors, PlantReport
 from rnc_pin.plants.reduced_plant import ReducedPlant
-from rnc_pin.plants.step_control import IntegrationErrors
 
 
 class ContactPlant:

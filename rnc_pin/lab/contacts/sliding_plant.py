@@ -12,9 +12,8 @@ from rnc_pin.errors import DivergenceError
 from rnc_pin.lab.contacts.friction_impulses import FrictionImpulses, responses
 from rnc_pin.lab.contacts.unilateral_contact import BoundContact, ContactRows, RowLayout
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.plants.plant import PlantReport
+from rnc_pin.plants.plant import IntegrationErrors, PlantReport, Substeps
 from rnc_pin.plants.reduced_plant import ReducedPlant
-from rnc_pin.plants.step_control import IntegrationErrors, Substeps
 
 _ROUNDING = 1e-12  # error of a step that rounding explains, relative to the state
 
