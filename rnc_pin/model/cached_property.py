@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import wraps
+from operator import attrgetter
 from typing import Generic, TypeVar, overload
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
+_Owner = TypeVar("_Owner")
 _Value = TypeVar("_Value")
 _Model = TypeVar("_Model")
 
@@ -37,6 +39,37 @@ class cached_property(Generic[_Value]):
             value.setflags(write=False)
         setattr(owner, self._name, value)
         return value
+
+
+def filled_at_q(formula: Callable[[_Owner], _Value]) -> cached_property[_Value]:
+    """Quantity of an evaluation: the array of its name in ``arrays_at_q``, or the formula where that has none.
+
+    Args:
+        formula: formula of the quantity.
+    """
+    return _filled("arrays_at_q", formula)
+
+
+def filled_at_v(formula: Callable[[_Owner], _Value]) -> cached_property[_Value]:
+    """The same with the array in ``arrays_at_v``.
+
+    Args:
+        formula: formula of the quantity.
+    """
+    return _filled("arrays_at_v", formula)
+
+
+def _filled(where: str, formula: Callable[[_Owner], _Value]) -> cached_property[_Value]:
+    arrays_of, name = attrgetter(where), formula.__name__
+
+    @wraps(formula)
+    def value(owner: _Owner) -> _Value:
+        # None without a compiled kernel, or if it declined a state: then formulas give all quantities.
+        arrays = arrays_of(owner)
+        filled: _Value | None = None if arrays is None else getattr(arrays, name)
+        return formula(owner) if filled is None else filled
+
+    return cached_property(value)
 
 
 def once_per_model(function: Callable[[_Model], _Value]) -> Callable[[_Model], _Value]:

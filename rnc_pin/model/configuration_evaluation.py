@@ -4,28 +4,36 @@ With the square stack ``E = [A; J2]`` of constraint rows and reducing outputs,
 
     R = E^-1 [0; I],   H = R^T H* R,   v = R v2 + b,   b = E^-1 [mu; 0].
 
-Paper (2)-(3), (6)-(7). All quantities have leading batch axes. Where a quantity begins with ``filled``, the kernel is
-asked first. It answers None if there is none, or if it declines one state of the evaluation: then formulas give all.
+Paper (2)-(3), (6)-(7). All quantities have leading batch axes. Without a compiled kernel, and if it declines one state
+of the evaluation, the formulas below give all quantities. Else those with ``filled_at_q`` are arrays of the kernel.
 """
 
 from __future__ import annotations
 
 from math import prod
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
 import numpy as np
 
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import ConstraintError, DivergenceError, InputError, SingularityError
 from rnc_pin.math.linear_algebra import Component, apply, apply_transposed, inverse, product, weakest_rows
-from rnc_pin.model.cached_property import cached_property
+from rnc_pin.model.cached_property import cached_property, filled_at_q
 from rnc_pin.model.factorization import Factorization, factorize, row_lengths
-from rnc_pin.model.filled_arrays import NOTHING_AT_Q, ArraysAtQ, ArraySource, arrays_at_q
+from rnc_pin.model.filled_arrays import CompiledArraysAtQ, KnownKinematics, arrays_at_q
 from rnc_pin.model.input_validation import ArrayInput, vector
 from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.reduction_data import ReductionData
+from rnc_pin.model.reduction_kernel import ReductionKernel
 from rnc_pin.model.rows import rheonomic_names
 from rnc_pin.printing import ObjectSummary, SummaryMixin, counted, described
+
+
+class ArraySource(Protocol):
+    """Evaluator of one reduction, whose kernel fills arrays; formulas alone decide without one."""
+
+    data: ReductionData
+    kernel: ReductionKernel | None
 
 
 class ConfigurationEvaluation(SummaryMixin):
@@ -50,7 +58,7 @@ class ConfigurationEvaluation(SummaryMixin):
         q: Array,
         same: ConfigurationEvaluation | None = None,
         t: Component | None = None,
-        arrays: ArraysAtQ | None = None,
+        arrays: CompiledArraysAtQ | None = None,
     ) -> None:
         self._evaluator, self._data, self.q, self._same_q, self.t = evaluator, evaluator.data, q, same, t
         # Of the same reduction, arrays and factors are equal; of another one, only the kinematics are.
@@ -105,22 +113,29 @@ class ConfigurationEvaluation(SummaryMixin):
         """Kinematics at the configurations."""
         if self._same_q is not None:
             return self._same_q.position
-        # Rows that Python evaluates need the kinematics before the evaluator fills arrays.
-        filled: ArraysAtQ = vars(self).get("arrays_at_q", NOTHING_AT_Q)
-        return filled.position_of(self._data, self)
+        # Rows that Python evaluates need the kinematics before the kernel fills arrays.
+        filled: CompiledArraysAtQ | None = vars(self).get("arrays_at_q")
+        kinematics = self._data.kinematics
+        if filled is None or self.batch:
+            # Of many configurations, Pinocchio's loop stores all quantities at once.
+            return kinematics.position(self.q, self.t)
+        return KnownKinematics(kinematics, self.q, kinematics.time_of(self.t), filled.kinematics)
 
     @cached_property
-    def arrays_at_q(self) -> ArraysAtQ:
-        """Arrays that the evaluator has filled for q."""
+    def arrays_at_q(self) -> CompiledArraysAtQ | None:
+        """Arrays that the compiled kernel has filled for q; None if there is no kernel, or if it declined a state."""
         if self._same_reduction is not None:
             return self._same_reduction.arrays_at_q
-        known = None if self._same_q is None else self._same_q.arrays_at_q
-        return arrays_at_q(self._evaluator.kernel, self, known)
+        if (kernel := self._evaluator.kernel) is None:
+            return None
+        # Rows of a user are evaluated by Python, whatever fills the rest.
+        position = self.position if kernel.python_rows else None
+        return arrays_at_q(kernel, self.q, position, None if self._same_q is None else self._same_q.arrays_at_q)
 
     @property
     def compiled_kinematics(self) -> Array | None:
         """Kinematics at q, as the compiled kernel has filled them; None if it has filled none."""
-        return self.arrays_at_q.kinematics
+        return None if self.arrays_at_q is None else self.arrays_at_q.kinematics
 
     if not TYPE_CHECKING:
 
@@ -142,11 +157,9 @@ class ConfigurationEvaluation(SummaryMixin):
 
     # ------------------------------------------------------------------ matrices
 
-    @cached_property
+    @filled_at_q
     def M(self) -> Float[Array, "*batch nv nv"]:
         """Inertia matrix H* before reduction."""
-        if (filled := self.arrays_at_q.M) is not None:
-            return filled
         return self.position.M
 
     @cached_property
@@ -158,11 +171,9 @@ class ConfigurationEvaluation(SummaryMixin):
             return np.broadcast_to(constant, (*self.batch, *constant.shape)) if self.batch else constant
         return self.varying_B
 
-    @cached_property
+    @filled_at_q
     def varying_B(self) -> Float[Array, "*batch nv p"]:
         """Actuation matrix of actuators whose effect depends on q."""
-        if (filled := self.arrays_at_q.varying_B) is not None:
-            return filled
         return self._data.actuation.matrix(self.position)
 
     @cached_property
@@ -170,27 +181,21 @@ class ConfigurationEvaluation(SummaryMixin):
         """All constraint rows, dropped ones included."""
         return self._data.rows.jacobian(self.position)
 
-    @cached_property
+    @filled_at_q
     def factorization(self) -> Factorization:
         """Matrix E, its inverse and the constraint rows in it."""
-        if (filled := self.arrays_at_q.factorization) is not None:
-            return filled
         if self._same_reduction is not None:
             return self._same_reduction.factorization
         return factorize(self._data, self.position)
 
-    @cached_property
+    @filled_at_q
     def E(self) -> Float[Array, "*batch nv nv"]:
         """Stack ``E = [A; J2]`` of constraint rows and reducing outputs; defined at singular configurations too."""
-        if (filled := self.arrays_at_q.E) is not None:
-            return filled
         return self.factorization.E
 
-    @cached_property
+    @filled_at_q
     def E_inverse(self) -> Float[Array, "*batch nv nv"]:
         """Inverse ``E^-1``: the columns of the multipliers, then R."""
-        if (filled := self.arrays_at_q.E_inverse) is not None:
-            return filled
         found = self.factorization
         if not found.everywhere_regular:
             raise self._singularity(np.asarray(found.regular))
@@ -206,11 +211,9 @@ class ConfigurationEvaluation(SummaryMixin):
         """Jacobian of the reducing outputs: ``v2 = J2 v``."""
         return self.E[..., self._data.m :, :]
 
-    @cached_property
+    @filled_at_q
     def J1(self) -> Float[Array, "*batch k nv"]:
         """Jacobian of the vertical outputs."""
-        if (filled := self.arrays_at_q.J1) is not None:
-            return filled
         return self._data.vertical.jacobian(self.position)
 
     @cached_property
@@ -218,11 +221,9 @@ class ConfigurationEvaluation(SummaryMixin):
         """Null-space basis of A, ``v = R v2 + b``."""
         return self.E_inverse[self._data.basis]
 
-    @cached_property
+    @filled_at_q
     def A_star(self) -> Float[Array, "*batch k r"]:
         """Kinematics of the vertical outputs, ``x1dot = A_star v2 + J1 b``."""
-        if (filled := self.arrays_at_q.A_star) is not None:
-            return filled
         return self.J1 @ self.R
 
     @cached_property
@@ -230,11 +231,9 @@ class ConfigurationEvaluation(SummaryMixin):
         """``R^T B``: reduced force for unit actuator inputs."""
         return product(self.R.mT, self.B)
 
-    @cached_property
+    @filled_at_q
     def H(self) -> Float[Array, "*batch r r"]:
         """Reduced inertia matrix ``R^T H* R``."""
-        if (filled := self.arrays_at_q.H) is not None:
-            return filled
         R = self.R
         # Paper (2): v = R v2 has the kinetic energy v2^T R^T H* R v2 / 2.
         return product(R.mT, product(self.M, R))
@@ -314,7 +313,11 @@ class ConfigurationEvaluation(SummaryMixin):
 
     @cached_property
     def _values(self) -> tuple[Array, Array]:
-        values = self.arrays_at_q.output_values(self._data, self)
+        data, filled = self._data, self.arrays_at_q
+        if filled is None:
+            values = data.vertical.value(self.position), data.reducing.value(self.position)
+        else:
+            values = filled.output_values(self.position if any(filled.kernel.python_values) else None)
         for each in values:
             each.setflags(write=False)
         return values
@@ -325,8 +328,9 @@ class ConfigurationEvaluation(SummaryMixin):
         Args:
             v2: reduced velocities (..., r) [rad/s or m/s].
         """
-        if (filled := self.arrays_at_q.velocity(self, v2)) is not None:
-            return filled
+        # The kernel takes one velocity for each configuration; NumPy broadcasts all others.
+        if self.arrays_at_q is not None and v2.shape[:-1] == self.batch:
+            return self.arrays_at_q.velocity(v2, self.mu if self._data.affine else None)
         v = apply(self.R, v2)
         return v + self.b if self._data.affine else v
 
@@ -347,7 +351,7 @@ class ConfigurationEvaluation(SummaryMixin):
         Args:
             F: reduced forces (..., r), valid [N or N m].
         """
-        if (filled := self.arrays_at_q.allocated(F)) is not None:
+        if self.arrays_at_q is not None and (filled := self.arrays_at_q.allocated(F)) is not None:
             return filled
         data = self._data
         matrix = self.input_matrix

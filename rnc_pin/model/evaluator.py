@@ -21,7 +21,7 @@ from rnc_pin.errors import InputError, SingularityError
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.evaluation_results import ReducedTerms
-from rnc_pin.model.filled_arrays import ArraysAtQ, CompiledArraysAtQ, CompiledArraysAtV
+from rnc_pin.model.filled_arrays import CompiledArraysAtQ, CompiledArraysAtV
 from rnc_pin.model.input_validation import (
     ArrayInput,
     ConfigurationValidator,
@@ -59,7 +59,7 @@ class _SampledState(StateEvaluation):
         return ConfigurationEvaluation(self._evaluator, self.q, self)
 
     @cached_property
-    def arrays_at_q(self) -> ArraysAtQ:
+    def arrays_at_q(self) -> CompiledArraysAtQ:
         return CompiledArraysAtQ(*self._records)
 
     @property
@@ -390,7 +390,7 @@ def _difference(found: Evaluator) -> float | None:
         with suppress(SingularityError, NotImplementedError):  # a row is undefined at q, or has no rate
             by_numpy, by_kernel = (StateEvaluation.at(each, q, v=v, t=t) for each in (Evaluator(data), found))
             expected = _expected(data, by_numpy.position.with_velocity(v))
-            if by_kernel.arrays_at_v.rates is not None:
+            if by_kernel.arrays_at_v is not None and by_kernel.arrays_at_v.rates is not None:
                 differences = [_relative(getattr(by_kernel, name), value) for name, value in expected.items()]
                 if data.affine:  # rates of the constraints at the velocity at which the reducing outputs rest
                     moved, _ = found.admissible_velocity(q, np.zeros(data.r), t)

@@ -1,13 +1,13 @@
 """Arrays that the compiled kernel fills for evaluations at configurations and at states.
 
-``ConfigurationEvaluation`` and ``StateEvaluation`` hold each formula once. Each begins with the array below of the same
-name. The array is None without a kernel, and if it declines one of the states: then the formula gives all of them.
+``ConfigurationEvaluation`` and ``StateEvaluation`` hold each formula once. With ``filled_at_q`` or ``filled_at_v``, an
+array below of the same name takes its place, unless it is None.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy import ndarray as Array
@@ -26,38 +26,10 @@ from rnc_pin.model.kinematics import (
     PositionKinematics,
     VelocityKinematics,
 )
-from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.reduction_kernel import ReductionKernel
 from rnc_pin.model.rows import Place, Rows
 
 _Kinematics = TypeVar("_Kinematics", bound=PositionKinematics)
-
-
-class Configurations(Protocol):
-    """Parts of an evaluation at configurations (..., nq) and times t (...) that filling reads."""
-
-    q: Array
-    t: Component | None
-
-    @property
-    def position(self) -> PositionKinematics:
-        """Kinematics at the configurations."""
-
-    @property
-    def mu(self) -> Array:
-        """Right-hand side of the constraints (..., m)."""
-
-
-class States(Configurations, Protocol):
-    """Parts of an evaluation at states (..., nq), (..., nv) that filling reads."""
-
-    @property
-    def v(self) -> Array:
-        """Full velocities (..., nv)."""
-
-    @property
-    def motion(self) -> VelocityKinematics:
-        """Kinematics at the states."""
 
 
 class RecordEntry:
@@ -72,104 +44,6 @@ class RecordEntry:
     def __get__(self, owner: object, kind: type) -> Array | None:
         record: Array | None = getattr(owner, self._record)
         return None if record is None else record[self._name]
-
-
-class ArraysAtQ:
-    """No arrays for q: all formulas of ``ConfigurationEvaluation`` decide.
-
-    The records have the fields that ``ReductionKernel`` lists.
-    """
-
-    kinematics: Array | None = None
-    inverse: Array | None = None
-    vertical: Array | None = None
-    factorization: Factorization | None = None
-    H: Array | None = None
-    varying_B: Array | None = None
-
-    M = RecordEntry("kinematics")
-    E, E_inverse = RecordEntry("inverse"), RecordEntry("inverse")
-    J1, A_star = RecordEntry("vertical"), RecordEntry("vertical")
-
-    def position_of(self, data: ReductionData, at: Configurations) -> PositionKinematics:
-        """Kinematics at the configurations.
-
-        Args:
-            data: the reduction.
-            at: evaluation at the configurations.
-        """
-        return data.kinematics.position(at.q, at.t)
-
-    def output_values(self, data: ReductionData, at: Configurations) -> tuple[Array, Array]:
-        """Values x1 (..., k) and x2 (..., r); zero for quasi-velocities.
-
-        Args:
-            data: the reduction.
-            at: evaluation at the configurations.
-        """
-        return data.vertical.value(at.position), data.reducing.value(at.position)
-
-    def velocity(self, at: Configurations, v2: Array) -> Array | None:
-        """Full velocity (..., nv) for reduced velocities (..., r).
-
-        Args:
-            at: evaluation at the configurations.
-            v2: reduced velocities (..., r) [rad/s or m/s].
-        """
-        return None
-
-    def allocated(self, F: Array) -> Array | None:
-        """Actuator inputs (..., p) for reduced forces (..., r).
-
-        Args:
-            F: reduced forces (..., r) [N or N m].
-        """
-        return None
-
-    def output_slopes(self, along: Sequence[int] | Array) -> Array | None:
-        """Rates (s, ..., k, r) of A_star in motions of single reducing outputs, by their indices (s,).
-
-        Args:
-            along: indices of the reducing outputs (s,).
-        """
-        return None
-
-
-class ArraysAtV:
-    """No arrays for q and v: all formulas of ``StateEvaluation`` decide."""
-
-    biases: Array | None = None
-    rates: Array | None = None
-    row_velocities: Array | None = None
-    v1: Array | None = None
-    passive_sums: ForceSums | None = None
-
-    nonlinear_effects, gamma = RecordEntry("biases"), RecordEntry("biases")
-    E_inverse_gamma, motion_force = RecordEntry("biases"), RecordEntry("biases")
-    E_dot, R_dot = RecordEntry("rates"), RecordEntry("rates")
-    J1_dot, A_star, A_star_dot = RecordEntry("rates"), RecordEntry("rates"), RecordEntry("rates")
-
-    def accelerated(self, force: Array) -> Array | None:
-        """Reduced acceleration (..., r) under generalized forces (..., nv), passive ones included.
-
-        Args:
-            force: generalized forces (..., nv) [N or N m].
-        """
-        return None
-
-    def input_accelerations(self, B: Array) -> tuple[Array, Array] | None:
-        """Reduced accelerations (r, p) of unit inputs, and those (r,) without any force, at one state."""
-        return None
-
-
-NOTHING_AT_Q, _NOTHING_AT_V = ArraysAtQ(), ArraysAtV()
-
-
-class ArraySource(Protocol):
-    """Evaluator of one reduction, whose kernel fills arrays; formulas alone decide without one."""
-
-    data: ReductionData
-    kernel: ReductionKernel | None
 
 
 class KnownKinematics(PositionKinematics):
@@ -220,7 +94,7 @@ class KnownKinematics(PositionKinematics):
         return known
 
 
-class CompiledArraysAtQ(ArraysAtQ):
+class CompiledArraysAtQ:
     """Arrays at regular configurations, in records that the kernel has filled.
 
     Args:
@@ -231,8 +105,9 @@ class CompiledArraysAtQ(ArraysAtQ):
         output_values: values x1 and x2, if known.
     """
 
-    kinematics: Array
-    inverse: Array
+    M = RecordEntry("kinematics")
+    E, E_inverse = RecordEntry("inverse"), RecordEntry("inverse")
+    J1, A_star = RecordEntry("vertical"), RecordEntry("vertical")
 
     def __init__(
         self,
@@ -257,35 +132,35 @@ class CompiledArraysAtQ(ArraysAtQ):
             self.inverse["E"], self.inverse["E_inverse"], np.ones(self.batch, dtype=bool) if self.batch else True
         )
 
-    def position_of(self, data: ReductionData, at: Configurations) -> PositionKinematics:
-        """Kinematics at the configurations; of one configuration without another visit of Pinocchio."""
-        # Of many configurations Pinocchio's loop stores all quantities at once.
-        if self.batch:
-            return super().position_of(data, at)
-        return KnownKinematics(data.kinematics, self.q, data.kinematics.time_of(at.t), self.kinematics)
+    def output_values(self, position: PositionKinematics | None) -> tuple[Array, Array]:
+        """Values x1 (..., k) and x2 (..., r); zero for quasi-velocities.
 
-    def output_values(self, data: ReductionData, at: Configurations) -> tuple[Array, Array]:
-        """Values x1 (..., k) and x2 (..., r)."""
+        Args:
+            position: kinematics at q; None if Python evaluates no value.
+        """
         if self._output_values is not None:
             return self._output_values
         # Values are in the order of the rows of E, reducing outputs first.
+        data = self.kernel.data
         values = np.empty((*self.batch, data.r + data.vertical.size))
         self._calls.values(self.q, self.kinematics, values)
         x2, x1 = values[..., : data.r], values[..., data.r :]
         for x, places in zip((x2, x1), self.kernel.python_values, strict=True):
             for block, where in places:
-                x[..., where] = block.value(at.position)
+                assert position is not None
+                x[..., where] = block.value(position)
         return x1, x2
 
-    def velocity(self, at: Configurations, v2: Array) -> Array | None:
-        """Full velocity (..., nv); None for velocities (..., r) with more axes."""
+    def velocity(self, v2: Array, mu: Array | None) -> Array:
+        """Full velocity (..., nv) for reduced velocities.
+
+        Args:
+            v2: reduced velocities (..., r) [rad/s or m/s], with the axes of q.
+            mu: right-hand side (..., m) of affine constraints; None for others.
+        """
         v2 = np.ascontiguousarray(v2, float)  # a controller may give integers, or a column of a matrix
-        # The kernel takes one velocity for each configuration; NumPy broadcasts all others.
-        if v2.shape[:-1] != self.batch:
-            return None
-        data = self.kernel.data
-        v = np.empty((*self.batch, data.n))
-        self._calls.velocity(self.inverse, at.mu if data.affine else None, v2, v)
+        v = np.empty((*self.batch, self.kernel.data.n))
+        self._calls.velocity(self.inverse, mu, v2, v)
         return v
 
     @cached_property
@@ -306,7 +181,11 @@ class CompiledArraysAtQ(ArraysAtQ):
         return B
 
     def allocated(self, F: Array) -> Array | None:
-        """Actuator inputs (..., p) for reduced forces (..., r); None if NumPy has to decide."""
+        """Actuator inputs (..., p) for reduced forces (..., r); None if NumPy has to decide.
+
+        Args:
+            F: reduced forces (..., r) [N or N m].
+        """
         data = self.kernel.data
         # With more or fewer actuators than velocities, a pseudoinverse has to decide.
         if data.p != data.r or not self.kernel.has_inputs or F.shape[:-1] != self.batch:
@@ -316,7 +195,11 @@ class CompiledArraysAtQ(ArraysAtQ):
         return T if self._calls.allocate(self.q, self.kinematics, self.inverse, force, T) else None
 
     def output_slopes(self, along: Sequence[int] | Array) -> Array | None:
-        """Rates (s, ..., k, r) of A_star in motions of single reducing outputs; None if NumPy has to evaluate them."""
+        """Rates (s, ..., k, r) of A_star in motions of single reducing outputs; None if NumPy has to evaluate them.
+
+        Args:
+            along: indices of the reducing outputs (s,).
+        """
         data = self.kernel.data
         if self.kernel.python_rows or data.affine or not len(along):
             return None
@@ -338,7 +221,7 @@ class CompiledArraysAtQ(ArraysAtQ):
         return rows if self._calls.vertical(self.q, self.kinematics, self.inverse, external, rows) else None
 
 
-class CompiledArraysAtV(ArraysAtV):
+class CompiledArraysAtV:
     """Arrays at states, in records that the kernel fills.
 
     Args:
@@ -348,6 +231,11 @@ class CompiledArraysAtV(ArraysAtV):
         t: times (...) for constraints that depend on them [s].
         rates: record of rates, if known.
     """
+
+    nonlinear_effects, gamma = RecordEntry("biases"), RecordEntry("biases")
+    E_inverse_gamma, motion_force = RecordEntry("biases"), RecordEntry("biases")
+    E_dot, R_dot = RecordEntry("rates"), RecordEntry("rates")
+    J1_dot, A_star, A_star_dot = RecordEntry("rates"), RecordEntry("rates"), RecordEntry("rates")
 
     def __init__(
         self,
@@ -373,7 +261,11 @@ class CompiledArraysAtV(ArraysAtV):
         return biases
 
     def accelerated(self, force: Array) -> Array | None:
-        """Reduced acceleration under forces (..., nv); None if it is not finite, or if the forces have more axes."""
+        """Reduced acceleration (..., r); None if it is not finite, or if the forces have more axes than the states.
+
+        Args:
+            force: generalized forces (..., nv), passive ones included [N or N m].
+        """
         at = self.at_q
         if force.shape[:-1] != at.batch:
             return None
@@ -437,43 +329,28 @@ class CompiledArraysAtV(ArraysAtV):
         return rates if self._calls.rates(*arguments) else None
 
 
-def arrays_at_q(kernel: ReductionKernel | None, at: Configurations, known: ArraysAtQ | None) -> ArraysAtQ:
-    """Arrays for the configurations of an evaluation.
+def arrays_at_q(
+    kernel: ReductionKernel, q: Array, position: PositionKinematics | None, known: CompiledArraysAtQ | None
+) -> CompiledArraysAtQ | None:
+    """Arrays for configurations; None if the kernel declines one of them.
 
     Args:
-        kernel: kernel of the reduction; None for formulas alone.
-        at: evaluation at the configurations.
+        kernel: kernel of the reduction.
+        q: configurations (..., nq).
+        position: kinematics at q; None if ``python_rows`` is False.
         known: arrays of the same configurations in another reduction.
     """
-    if kernel is None:
-        return NOTHING_AT_Q
-    # Rows of a user are evaluated by Python, whatever fills the rest.
-    position, kinematics = at.position if kernel.python_rows else None, None
-    if isinstance(known, CompiledArraysAtQ):
-        kinematics = known.kinematics
-        # Another reduction with the same E, e.g. with other vertical outputs: nothing is left to fill.
-        if known.kernel.data.has_rows_of(kernel.data):
-            return CompiledArraysAtQ(kernel, at.q, position, kinematics, known.inverse)
+    # Another reduction with the same E, e.g. with other vertical outputs: nothing is left to fill.
+    if known is not None and known.kernel.data.has_rows_of(kernel.data):
+        return CompiledArraysAtQ(kernel, q, position, known.kinematics, known.inverse)
     external = _concatenated(kernel.external, position, lambda block, now: block.jacobian(now), -2)
-    batch = at.q.shape[:-1]
-    record = _empty_records(batch, kernel.kinematics) if kinematics is None else kinematics
+    batch = q.shape[:-1]
+    kinematics = _empty_records(batch, kernel.kinematics) if known is None else known.kinematics
     inverse = _empty_records(batch, kernel.inverse)
     # The kernel tests E as ``factorize`` does; it declines where other rows may have to be selected.
-    if not kernel.calls.configure(at.q, record, inverse, external, kinematics is not None):
-        return NOTHING_AT_Q
-    return CompiledArraysAtQ(kernel, at.q, position, record, inverse)
-
-
-def arrays_at_v(at: States, filled: ArraysAtQ) -> ArraysAtV:
-    """Arrays for the velocities of an evaluation, from those for its configurations.
-
-    Args:
-        at: evaluation at the states.
-        filled: arrays for their configurations.
-    """
-    if not isinstance(filled, CompiledArraysAtQ) or at.v.shape[:-1] != filled.batch:
-        return _NOTHING_AT_V
-    return CompiledArraysAtV(filled, at.v, at.motion if filled.kernel.python_rows else None, at.t)
+    if not kernel.calls.configure(q, kinematics, inverse, external, known is not None):
+        return None
+    return CompiledArraysAtQ(kernel, q, position, kinematics, inverse)
 
 
 def _concatenated(

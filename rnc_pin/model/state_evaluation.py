@@ -30,10 +30,10 @@ from rnc_pin.math.linear_algebra import (
     solve_positive_definite,
     solve_positive_definite_columns,
 )
-from rnc_pin.model.cached_property import cached_property
-from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
+from rnc_pin.model.cached_property import cached_property, filled_at_v
+from rnc_pin.model.configuration_evaluation import ArraySource, ConfigurationEvaluation
 from rnc_pin.model.evaluation_results import Measurement, ReducedRegressor, ReducedTerms, StateDerivative
-from rnc_pin.model.filled_arrays import ArraysAtQ, ArraysAtV, ArraySource, arrays_at_v
+from rnc_pin.model.filled_arrays import CompiledArraysAtQ, CompiledArraysAtV
 from rnc_pin.model.generalized_forces import ForceSums
 from rnc_pin.model.input_validation import ArrayInput, vector
 from rnc_pin.model.kinematics import VelocityKinematics
@@ -73,7 +73,7 @@ class StateEvaluation(ConfigurationEvaluation):
         v2: Array | None = None,
         v: Array | None = None,
         motion: VelocityKinematics | None = None,
-        arrays: ArraysAtV | None = None,
+        arrays: CompiledArraysAtV | None = None,
     ) -> None:
         # Of another state at the same configurations, only what depends on q may be used.
         self.configuration: ConfigurationEvaluation = (
@@ -109,7 +109,12 @@ class StateEvaluation(ConfigurationEvaluation):
 
     @classmethod
     def filled(
-        cls, evaluator: ArraySource, q: Array, v: Array, arrays: tuple[ArraysAtQ, ArraysAtV], t: Component | None = None
+        cls,
+        evaluator: ArraySource,
+        q: Array,
+        v: Array,
+        arrays: tuple[CompiledArraysAtQ, CompiledArraysAtV],
+        t: Component | None = None,
     ) -> StateEvaluation:
         """Evaluation at validated states with arrays that the evaluator has filled before; q becomes read-only.
 
@@ -165,22 +170,21 @@ class StateEvaluation(ConfigurationEvaluation):
         return self._motion
 
     @cached_property
-    def arrays_at_v(self) -> ArraysAtV:
-        """Arrays that the evaluator has filled for v."""
-        return arrays_at_v(self, self.arrays_at_q)
+    def arrays_at_v(self) -> CompiledArraysAtV | None:
+        """Arrays that the compiled kernel fills for v; None without those for q, and for more states than these."""
+        at_q = self.arrays_at_q
+        if at_q is None or self.v.shape[:-1] != at_q.batch:
+            return None
+        return CompiledArraysAtV(at_q, self.v, self.motion if at_q.kernel.python_rows else None, self.t)
 
-    @cached_property
+    @filled_at_v
     def row_velocities(self) -> Float[Array, "*batch nv"]:
         """Rates ``E v`` of the constraint rows and of the reducing outputs."""
-        if (filled := self.arrays_at_v.row_velocities) is not None:
-            return filled
         return apply(self.E, self.v)
 
-    @cached_property
+    @filled_at_v
     def gamma(self) -> Float[Array, "*batch nv"]:
         """Bias acceleration ``Edot v - [mudot; 0]`` of constraint rows and reducing outputs, at zero ``vdot``."""
-        if (filled := self.arrays_at_v.gamma) is not None:
-            return filled
         data = self._data
         if self.factorization.kept is None:
             return data.stack.bias_acceleration(self.motion)
@@ -195,18 +199,14 @@ class StateEvaluation(ConfigurationEvaluation):
         # Rows on moving ground hold where they move with it, A v = mu.
         return residual - self.mu if self._data.affine else residual
 
-    @cached_property
+    @filled_at_v
     def v1(self) -> Float[Array, "*batch k"]:
         """Rates of the vertical outputs, ``J1 v``."""
-        if (filled := self.arrays_at_v.v1) is not None:
-            return filled
         return apply(self.J1, self.v)
 
-    @cached_property
+    @filled_at_v
     def E_dot(self) -> Float[Array, "*batch nv nv"]:
         """Rate of E."""
-        if (filled := self.arrays_at_v.E_dot) is not None:
-            return filled
         data = self._data
         if self.factorization.kept is None:
             return data.stack.jacobian_dot(self.motion)
@@ -219,34 +219,26 @@ class StateEvaluation(ConfigurationEvaluation):
         """Rate of A."""
         return self.E_dot[..., : self._data.m, :]
 
-    @cached_property
+    @filled_at_v
     def R_dot(self) -> Float[Array, "*batch nv r"]:
         """Rate ``-E^-1 Edot R`` of R."""
-        if (filled := self.arrays_at_v.R_dot) is not None:
-            return filled
         # E R = [0; I] is constant, so Edot R + E Rdot = 0. Paper (3).
         return -product(self.E_inverse, product(self.E_dot, self.R))
 
-    @cached_property
+    @filled_at_v
     def J1_dot(self) -> Float[Array, "*batch k nv"]:
         """Rate of J1."""
-        if (filled := self.arrays_at_v.J1_dot) is not None:
-            return filled
         return self._data.vertical.jacobian_dot(self.motion)
 
-    @cached_property
+    @filled_at_v
     def A_star(self) -> Float[Array, "*batch k r"]:
         """Kinematics of the vertical outputs, ``x1dot = A_star v2 + J1 b``."""
-        if (filled := self.arrays_at_v.A_star) is not None:
-            return filled
         # J1 R follows from q alone: the evaluation at q has it, for all velocities.
         return super().A_star
 
-    @cached_property
+    @filled_at_v
     def A_star_dot(self) -> Float[Array, "*batch k r"]:
         """Rate of A_star."""
-        if (filled := self.arrays_at_v.A_star_dot) is not None:
-            return filled
         if not self.J1.shape[-2]:
             return self.A_star  # without outputs, no rate is needed, which may be unknown
         # Product rule of A_star = J1 R, paper (3a).
@@ -302,11 +294,9 @@ class StateEvaluation(ConfigurationEvaluation):
         """Nonlinear effects ``C* v + g*``, minus passive forces."""
         return self.nonlinear_effects - self.passive_force if self._data.forces else self.nonlinear_effects
 
-    @cached_property
+    @filled_at_v
     def nonlinear_effects(self) -> Float[Array, "*batch nv"]:
         """Nonlinear effects ``C* v + g*`` without passive forces."""
-        if (filled := self.arrays_at_v.nonlinear_effects) is not None:
-            return filled
         return self.motion.bias
 
     @cached_property
@@ -314,11 +304,9 @@ class StateEvaluation(ConfigurationEvaluation):
         """Generalized forces of springs, dampers and other kinds from ``rnc_pin.forces``."""
         return self.passive_sums.total
 
-    @cached_property
+    @filled_at_v
     def passive_sums(self) -> ForceSums:
         """Sums of the passive forces."""
-        if (filled := self.arrays_at_v.passive_sums) is not None:
-            return filled
         return self._data.forces.sums(self.motion)
 
     @cached_property
@@ -378,7 +366,8 @@ class StateEvaluation(ConfigurationEvaluation):
     @cached_property
     def input_accelerations(self) -> tuple[Float[Array, "r p"], Float[Array, " r"]]:
         """Reduced accelerations that unit inputs add, and those without inputs, at one state."""
-        if not self._data.forces and (filled := self.arrays_at_v.input_accelerations(self.B)) is not None:
+        arrays = None if self._data.forces else self.arrays_at_v
+        if arrays is not None and (filled := arrays.input_accelerations(self.B)) is not None:
             return filled
         # One factorization of H serves all columns: inputs one by one, then no input.
         right = np.column_stack([self.input_matrix, self.unforced @ self.R])
@@ -404,11 +393,9 @@ class StateEvaluation(ConfigurationEvaluation):
         # E vdot = [0; v2dot] - gamma, and the last columns of E^-1 are R.
         return apply(self.R, v2_dot) - self.E_inverse_gamma
 
-    @cached_property
+    @filled_at_v
     def E_inverse_gamma(self) -> Float[Array, "*batch nv"]:
         """Acceleration ``E^-1 gamma``, with ``vdot = R v2dot - E^-1 gamma``."""
-        if (filled := self.arrays_at_v.E_inverse_gamma) is not None:
-            return filled
         return apply(self.E_inverse, self.gamma)
 
     def _force(self, T: Array, damping: Array | None) -> Array:
@@ -424,11 +411,9 @@ class StateEvaluation(ConfigurationEvaluation):
         """Forces ``H* E^-1 gamma - bias`` without actuators."""
         return self.motion_force + self.passive_force if self._data.forces else self.motion_force
 
-    @cached_property
+    @filled_at_v
     def motion_force(self) -> Array:
         """Forces ``H* E^-1 gamma - (C* v + g*)``: ``unforced`` without passive forces."""
-        if (filled := self.arrays_at_v.motion_force) is not None:
-            return filled
         # Forces of the motion at v2dot = 0, where vdot = -E^-1 gamma.
         return apply(self.M, self.E_inverse_gamma) - self.nonlinear_effects
 
@@ -441,7 +426,7 @@ class StateEvaluation(ConfigurationEvaluation):
         # The kernel adds ``motion_force`` to these forces, so that passive ones count as inputs; the formula below adds
         # ``unforced``, which has both. The sum is the same.
         acting = force + self.passive_force if self._data.forces else force
-        if (filled := self.arrays_at_v.accelerated(acting)) is not None:
+        if self.arrays_at_v is not None and (filled := self.arrays_at_v.accelerated(acting)) is not None:
             return filled
         free = force + self.unforced
         # R^T cancels the constraint forces A^T lambda, because A R = 0. Paper (6).
@@ -619,7 +604,7 @@ def output_slopes(here: ConfigurationEvaluation, along: Sequence[int] | Array) -
         here: evaluation at configurations.
         along: indices in x2, (s,).
     """
-    if (filled := here.arrays_at_q.output_slopes(along)) is not None:
+    if here.arrays_at_q is not None and (filled := here.arrays_at_q.output_slopes(along)) is not None:
         return filled
     # A column of R moves one reducing output at unit rate, so the rate along it is a partial derivative.
     each = [StateEvaluation(here, v=here.R[..., j]).A_star_dot for j in along]
