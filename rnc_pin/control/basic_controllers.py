@@ -107,7 +107,7 @@ class ComputedTorque(DescribedMixin):
         target, state = self.target.step(t, measurement, state)
         rate = target.v2_dot + self.k * (target.v2 - measurement.v2)
         # H a + V v2 + G in one call: the reduced force of the wanted acceleration.
-        F = self._reduced.evaluator.inverse_dynamics(measurement.q, measurement.v2, rate, t)
+        F = self._reduced.inverse_dynamics(measurement.q, measurement.v2, rate, t=t)
         return command_towards(target, F), state
 
 

@@ -14,6 +14,7 @@ from rnc_pin.errors import ConfigurationError, InputError, SingularityError
 from rnc_pin.math.linear_algebra import apply, apply_transposed, as_slice, clipped, condition_number, solve
 from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.state_evaluation import kinematic_gradient
 from rnc_pin.model.task import Task
 from rnc_pin.references.reference import Reference, ReferencePoint
 
@@ -296,7 +297,8 @@ class SteeringController(DescribedMixin):
         self, t: float, measurement: Measurement, state: DrivenPath | None = None
     ) -> tuple[VelocityTarget, DrivenPath | None]:
         task, m = self.task, measurement
-        slopes = self._reduced.evaluator.output_slopes(m.q, self._redundant)
+        gradient = kinematic_gradient(self._reduced.at(m.q), self._redundant)
+        slopes = np.ascontiguousarray(np.moveaxis(gradient, -1, -3))  # (..., a, k, r)
         if state is None and isinstance(self.vertical, SlitheringReference):
             raise InputError("steering along the driven path needs the last step's state, at first initial_state's")
         x21d = self.primary.at(t)

@@ -9,7 +9,7 @@ in ``analysis.derivatives`` for derivatives, and in ``motion.planning.action_mod
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from functools import partial
 
@@ -17,23 +17,15 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin import _kernel
-from rnc_pin.errors import InputError, SingularityError
+from rnc_pin.errors import SingularityError
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
-from rnc_pin.model.evaluation_results import ReducedTerms
 from rnc_pin.model.filled_arrays import CompiledArraysAtQ, CompiledArraysAtV
-from rnc_pin.model.input_validation import (
-    ArrayInput,
-    ConfigurationValidator,
-    admit_numbers,
-    admit_times,
-    broadcast_states,
-    vector,
-)
+from rnc_pin.model.input_validation import ArrayInput, admit_numbers
 from rnc_pin.model.kinematics import VelocityKinematics
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.reduction_kernel import ReductionKernel, RunRecords
-from rnc_pin.model.state_evaluation import StateEvaluation, output_slopes
+from rnc_pin.model.state_evaluation import StateEvaluation
 
 
 class _SampledState(StateEvaluation):
@@ -76,7 +68,6 @@ class Evaluator:
 
     Attributes:
         measures: True if ``measured`` is one call, for many runs too.
-        validator: validation of its configurations.
         kept_chart: evaluator of the last velocity chart, and what defines it. Many runs start at one configuration.
     """
 
@@ -84,7 +75,6 @@ class Evaluator:
         self.data, self.kernel = data, kernel
         self.calls: _kernel.library.Evaluator = _kernel.NUMPY_ALONE if kernel is None else kernel.calls
         self.measures = kernel is not None and kernel.measures
-        self.validator = ConfigurationValidator(data.robot)
         self.kept_chart: tuple[tuple[object, ...], Evaluator] | None = None
 
     def __reduce__(self) -> tuple[object, ...]:  # the kernel refers to memory
@@ -95,49 +85,6 @@ class Evaluator:
         self.kept_chart = None
         if self.kernel is not None:
             self.kernel.refresh()
-
-    # ------------------------------------------------------------------ evaluations
-
-    def at(
-        self, q: ArrayInput, v2: ArrayInput | None = None, v: ArrayInput | None = None, t: ArrayInput | None = None
-    ) -> ConfigurationEvaluation | StateEvaluation:
-        """Validate and evaluate configurations or states, as ``ReducedModel.at``.
-
-        Args:
-            q: configurations (..., nq).
-            v2: reduced velocities (..., r).
-            v: measured full velocities (..., nv), instead of v2.
-            t: times (...) [s].
-        """
-        q, data = self.validator.validate(q), self.data
-        if t is not None and type(t) is not float:
-            admit_numbers(t, "t")
-        t = None if t is None or not data.rheonomic else admit_times(t, q.shape[:-1])
-        if v2 is not None:
-            if v is not None:
-                raise InputError("at() takes v2 or v, not both")
-            # A copy: later changes of the caller's array must not change the evaluation.
-            v2 = vector(v2, data.r, "v2", data.reducing.names).copy()
-            q, v2 = broadcast_states(q, v2, "v2")
-            return StateEvaluation.at(self, q, v2, t=t)
-        if v is not None:
-            q, v = broadcast_states(q, vector(v, data.n, "v"), "v")
-            return StateEvaluation.at(self, q, v=v.copy(), t=t)
-        return ConfigurationEvaluation.at(self, q, t=t)
-
-    def state(self, q: ArrayInput, v2: ArrayInput, t: ArrayInput | None = None) -> StateEvaluation:
-        """Validate and evaluate states (q, v2).
-
-        Args:
-            q: configurations (..., nq).
-            v2: reduced velocities (..., r) [rad/s or m/s].
-            t: times (...) of rheonomic constraints [s]; others ignore them.
-        """
-        found = self.at(q, v2, None, t)
-        # None for v2 would otherwise give an evaluation without a velocity, whose quantities fail one by one.
-        if not isinstance(found, StateEvaluation):
-            raise InputError("v2 is missing: expected the reduced velocity")
-        return found
 
     def vertical_outputs(self, at: ConfigurationEvaluation, J1: Array) -> Array:
         """Values x1 (k,) at one configuration, which another reduction has evaluated.
@@ -216,20 +163,6 @@ class Evaluator:
         at_q = CompiledArraysAtQ(kernel, q, None, kinematics, inverse, values)
         return StateEvaluation.filled(self, q, v, (at_q, CompiledArraysAtV(at_q, v, None, t, rates)), t)
 
-    # ------------------------------------------------------------------ whole calls
-
-    def forward_dynamics(self, q: ArrayInput, v2: ArrayInput, T: ArrayInput, t: ArrayInput | None) -> Array:
-        """Reduced accelerations (..., r) under inputs T (..., p).
-
-        Args:
-            q: configurations (..., nq).
-            v2: reduced velocities (..., r) [rad/s or m/s].
-            T: actuator inputs (..., p) [N or N m].
-            t: times (...) of rheonomic constraints [s]; others ignore them.
-        """
-        found = self._called(self.calls.forward_dynamics, (q, v2, T), t)
-        return self.state(q, v2, t).v2_dot(T) if found is None else found
-
     def far_within(
         self, sample: Sequence[StateEvaluation], v2: Array, T: Array, t: float, dt: float, bounds: Sequence[Array]
     ) -> bool:
@@ -252,33 +185,6 @@ class Evaluator:
         known = end.q, v2, T, end.compiled_kinematics, rates, later, start.v2
         return bool(self.calls.far_within(*known, np.array([dt]), *bounds))
 
-    def inverse_dynamics(self, q: ArrayInput, v2: ArrayInput, v2_dot: ArrayInput, t: ArrayInput | None) -> Array:
-        """Reduced forces (..., r) for accelerations v2_dot (..., r).
-
-        Args:
-            q: configurations (..., nq).
-            v2: reduced velocities (..., r) [rad/s or m/s].
-            v2_dot: reduced accelerations (..., r) [rad/s^2 or m/s^2].
-            t: times (...) of rheonomic constraints [s]; others ignore them.
-        """
-        found = self._called(self.calls.inverse_dynamics, (q, v2, v2_dot), t)
-        return self.state(q, v2, t).inverse_dynamics(v2_dot) if found is None else found
-
-    def _called(
-        self, call: Callable[..., Array | None], arguments: tuple[ArrayInput, ...], t: ArrayInput | None
-    ) -> Array | None:
-        """Result of a call of the kernel; None if the formulas have to decide. Lists are converted first."""
-        rates = None if t is None else self.rates_at(t, arguments[0])
-        try:
-            found = call(*arguments, rates)
-            if found is None and any(type(each) is not Array or each.dtype != float for each in arguments):
-                with suppress(InputError):  # NumPy's path names what is wrong
-                    found = call(*(np.ascontiguousarray(admit_numbers(each, "")) for each in arguments), rates)
-            return found
-        except ValueError:  # of Pinocchio
-            self.data.robot.check_unchanged()
-            raise
-
     def rates_at(self, t: ArrayInput | None, q: ArrayInput | None = None) -> Array | None:
         """Right-hand sides of constraints over time for calls of the kernel; None for other constraints.
 
@@ -291,49 +197,6 @@ class Evaluator:
         if self.kernel is None or not self.data.rheonomic or not isinstance(t, float | int | np.floating):
             return None
         return self.kernel.rates_at(float(t), q.shape[:-1] if isinstance(q, Array) else ())
-
-    def terms(self, q: ArrayInput, v2: ArrayInput) -> ReducedTerms:
-        """All matrices at states (..., nq), (..., r).
-
-        Args:
-            q: configurations (..., nq).
-            v2: reduced velocities (..., r) [rad/s or m/s].
-        """
-        kernel = self.kernel
-        # Joints that were added to the model since do not fit the arrays of the kernel.
-        self.data.robot.check_unchanged()
-        numbers = None if kernel is None or not type(q) is type(v2) is Array else kernel.calls.terms(q, v2)
-        if kernel is None or numbers is None:
-            return self.state(q, v2).terms()
-        numbers.setflags(write=False)
-        record = np.ndarray(numbers.shape[:-1], kernel.terms, numbers)
-        m = self.data.m
-        terms = object.__new__(ReducedTerms)  # its own constructor takes as long as all matrices of a small system
-        vars(terms).update(
-            R=record["E_inverse"][..., m:],
-            R_dot=record["R_dot"],
-            H=record["H"],
-            V=record["V"],
-            G=record["G"],
-            input_matrix=record["input_matrix"],
-            A=record["E"][..., :m, :],
-            A_dot=record["E_dot"][..., :m, :],
-            A_star=record["A_star"],
-            A_star_dot=record["A_star_dot"],
-            v=record["v"],
-            b=record["b"],
-            b_dot=record["b_dot"],
-        )
-        return terms
-
-    def output_slopes(self, q: Array, along: Sequence[int] | Array) -> Array:
-        """Rates (..., s, k, r) of A_star in the motions of single reducing outputs.
-
-        Args:
-            q: configurations (nq,) or (B, nq).
-            along: indices of the outputs (s,).
-        """
-        return np.ascontiguousarray(np.moveaxis(output_slopes(self.at(q), along), 0, -3))
 
     def admissible_velocity(self, q: Array, v2: Array, t: float | None = None) -> tuple[Array, float]:
         """Full velocity (nv,) at one state, and the sum of the squares of R.

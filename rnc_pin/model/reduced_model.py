@@ -7,20 +7,29 @@ the compiled kernel has filled instead is in ``filled_arrays``, under the same n
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import overload
 
 import numpy as np
 
 from rnc_pin.array_shapes import Array, Float
+from rnc_pin.errors import InputError
 from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.evaluation_results import LagrangianTerms, ReducedRegressor, ReducedTerms
 from rnc_pin.model.evaluator import Evaluator, evaluator_for
 from rnc_pin.model.generalized_forces import Actuation, PassiveForces
 from rnc_pin.model.independence import DroppedRow
-from rnc_pin.model.input_validation import ArrayInput, numbers_of
-from rnc_pin.model.reduction_data import ReductionData
+from rnc_pin.model.input_validation import (
+    ArrayInput,
+    ConfigurationValidator,
+    admit_numbers,
+    admit_times,
+    broadcast_states,
+    numbers_of,
+    vector,
+)
 from rnc_pin.model.rows import OutputStack, RowStack
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin, counted, items
@@ -35,6 +44,24 @@ class ReducedModel(SummaryMixin):
 
     Args:
         evaluator: evaluations of its rows, outputs and actuators.
+        assembly: projection onto the holonomic rows.
+        dropped_rows: redundant constraint rows, with the reasons.
+
+    Attributes:
+        reduction_data: rows, outputs, actuators and workspace, to construct other models from.
+        evaluator: evaluations by the compiled kernel, or by NumPy alone.
+        robot: robot of the system.
+        n: number of degrees of freedom before the constraints, nv.
+        m: number of independent constraint rows.
+        r: number of reducing outputs, n - m.
+        p: number of actuators.
+        affine: True if the constraints are ``A v = mu`` with mu not zero, so that ``v = R v2 + b``.
+        rheonomic: True if the constraints depend on time: ``A(q, t) v = mu(q, t)``.
+        constraints: independent constraint rows, which form A.
+        all_constraints: all constraint rows, dropped ones included.
+        reducing: reducing outputs x2.
+        vertical: vertical outputs x1.
+        actuation: actuators and their matrix B(q).
         assembly: projection onto the holonomic rows.
         dropped_rows: redundant constraint rows, with the reasons.
 
@@ -54,82 +81,14 @@ class ReducedModel(SummaryMixin):
     """
 
     def __init__(self, evaluator: Evaluator, assembly: Assembly, dropped_rows: Sequence[DroppedRow] = ()) -> None:
-        self._evaluator, self._data = evaluator, evaluator.data
-        self.assembly = assembly
-        self.dropped_rows = tuple(dropped_rows)
-        """Redundant constraint rows, with the reasons."""
-
-    # ------------------------------------------------------------------ components
-
-    @property
-    def reduction_data(self) -> ReductionData:
-        """Rows, outputs, actuators and workspace, to construct other models from."""
-        return self._data
-
-    @property
-    def evaluator(self) -> Evaluator:
-        """Evaluations, by the compiled kernel or by NumPy."""
-        return self._evaluator
-
-    @property
-    def robot(self) -> Robot:
-        """Robot of the system."""
-        return self._data.robot
-
-    @property
-    def n(self) -> int:
-        """Number of degrees of freedom before the constraints, nv."""
-        return self._data.n
-
-    @property
-    def m(self) -> int:
-        """Number of independent constraint rows."""
-        return self._data.m
-
-    @property
-    def r(self) -> int:
-        """Number of reducing outputs, n - m."""
-        return self._data.r
-
-    @property
-    def p(self) -> int:
-        """Number of actuators."""
-        return self._data.p
-
-    @property
-    def affine(self) -> bool:
-        """True if the constraints are ``A v = mu`` with mu not zero, so that ``v = R v2 + b``."""
-        return self._data.affine
-
-    @property
-    def rheonomic(self) -> bool:
-        """True if the constraints depend on time: ``A(q, t) v = mu(q, t)``."""
-        return self._data.rheonomic
-
-    @property
-    def constraints(self) -> RowStack:
-        """Independent constraint rows, which form A."""
-        return self._data.constraints
-
-    @property
-    def all_constraints(self) -> RowStack:
-        """All constraint rows, dropped ones included."""
-        return self._data.rows
-
-    @property
-    def reducing(self) -> OutputStack:
-        """Reducing outputs x2."""
-        return self._data.reducing
-
-    @property
-    def vertical(self) -> OutputStack:
-        """Vertical outputs x1."""
-        return self._data.vertical
-
-    @property
-    def actuation(self) -> Actuation:
-        """Actuators and their matrix B(q)."""
-        return self._data.actuation
+        data = evaluator.data
+        self.evaluator, self.reduction_data, self.robot = evaluator, data, data.robot
+        self.n, self.m, self.r, self.p = data.n, data.m, data.r, data.p
+        self.affine, self.rheonomic = data.affine, data.rheonomic
+        self.constraints, self.all_constraints = data.constraints, data.rows
+        self.reducing, self.vertical, self.actuation = data.reducing, data.vertical, data.actuation
+        self.assembly, self.dropped_rows = assembly, tuple(dropped_rows)
+        self._validator = ConfigurationValidator(data.robot)
 
     # ------------------------------------------------------------------ one evaluation
 
@@ -159,7 +118,21 @@ class ReducedModel(SummaryMixin):
         Raises:
             InputError: also for a rheonomic system without t.
         """
-        return self._evaluator.at(q, v2, v, t)
+        q, data = self._validator.validate(q), self.reduction_data
+        if t is not None and type(t) is not float:
+            admit_numbers(t, "t")
+        t = None if t is None or not self.rheonomic else admit_times(t, q.shape[:-1])
+        if v2 is not None:
+            if v is not None:
+                raise InputError("at() takes v2 or v, not both")
+            # A copy: later changes of the caller's array must not change the evaluation.
+            v2 = vector(v2, data.r, "v2", data.reducing.names).copy()
+            q, v2 = broadcast_states(q, v2, "v2")
+            return StateEvaluation.at(self.evaluator, q, v2, t=t)
+        if v is not None:
+            q, v = broadcast_states(q, vector(v, data.n, "v"), "v")
+            return StateEvaluation.at(self.evaluator, q, v=v.copy(), t=t)
+        return ConfigurationEvaluation.at(self.evaluator, q, t=t)
 
     def frozen(self, t: float) -> ReducedModel:
         """The same model at one time t [s]: its constraints have the rows, rates and positions of this time.
@@ -173,7 +146,7 @@ class ReducedModel(SummaryMixin):
         if not self.rheonomic:
             return self
         t = float(numbers_of(t, "t"))
-        return ReducedModel(evaluator_for(self._data.frozen(t)), self.assembly.frozen(t), self.dropped_rows)
+        return ReducedModel(evaluator_for(self.reduction_data.frozen(t)), self.assembly.frozen(t), self.dropped_rows)
 
     def with_basis_at(self, q: ArrayInput) -> ReducedModel:
         """The same model with the constraint rows that are selected at q as default rows.
@@ -187,8 +160,8 @@ class ReducedModel(SummaryMixin):
         # An error here, and not at the first use of the new model, if q is singular.
         _ = state.R
         # Only the default changes: at other states other rows may still be selected.
-        parts = self._data.keeping(state.kept.tolist())
-        if self._data.free:
+        parts = self.reduction_data.keeping(state.kept.tolist())
+        if self.reduction_data.free:
             # Rows of J2 are unit vectors then: each has its one at the entry that was selected.
             parts = parts.in_entries(np.argmax(state.J2, axis=1).tolist())
         return ReducedModel(evaluator_for(parts), self.assembly, self.dropped_rows)
@@ -206,7 +179,8 @@ class ReducedModel(SummaryMixin):
             T: actuator inputs (..., p) [N or N m].
             t: times (...) of rheonomic constraints [s]; others ignore them.
         """
-        return self._evaluator.forward_dynamics(q, v2, T, t)
+        found = self._called(self.evaluator.calls.forward_dynamics, (q, v2, T), t)
+        return self._state(q, v2, t).v2_dot(T) if found is None else found
 
     def inverse_dynamics(
         self, q: ArrayInput, v2: ArrayInput, v2_dot: ArrayInput, *, t: ArrayInput | None = None
@@ -219,7 +193,29 @@ class ReducedModel(SummaryMixin):
             v2_dot: reduced accelerations (..., r) [rad/s^2 or m/s^2].
             t: times (...) of rheonomic constraints [s]; others ignore them.
         """
-        return self._evaluator.inverse_dynamics(q, v2, v2_dot, t)
+        found = self._called(self.evaluator.calls.inverse_dynamics, (q, v2, v2_dot), t)
+        return self._state(q, v2, t).inverse_dynamics(v2_dot) if found is None else found
+
+    def _called(
+        self, call: Callable[..., Array | None], arguments: tuple[ArrayInput, ...], t: ArrayInput | None
+    ) -> Array | None:
+        """Result of a call of the kernel; None if the formulas have to decide. Lists are converted first."""
+        rates = None if t is None else self.evaluator.rates_at(t, arguments[0])
+        try:
+            found = call(*arguments, rates)
+            if found is None and any(type(each) is not Array or each.dtype != float for each in arguments):
+                with suppress(InputError):  # NumPy's path names what is wrong
+                    found = call(*(np.ascontiguousarray(admit_numbers(each, "")) for each in arguments), rates)
+            return found
+        except ValueError:  # of Pinocchio
+            self.robot.check_unchanged()
+            raise
+
+    def _state(self, q: ArrayInput, v2: ArrayInput, t: ArrayInput | None = None) -> StateEvaluation:
+        # None for v2 would otherwise give an evaluation without a velocity, whose quantities fail one by one.
+        if v2 is None:
+            raise InputError("v2 is missing: expected the reduced velocity")
+        return self.at(q, v2, t=t)
 
     def regressor(
         self, q: ArrayInput, v2: ArrayInput, v2_dot: ArrayInput, *, t: ArrayInput | None = None
@@ -277,7 +273,31 @@ class ReducedModel(SummaryMixin):
             q: configurations (..., nq).
             v2: reduced velocities (..., r) [rad/s or m/s].
         """
-        return self._evaluator.terms(q, v2)
+        kernel, m = self.evaluator.kernel, self.m
+        # Joints that were added to the model since do not fit the arrays of the kernel.
+        self.robot.check_unchanged()
+        numbers = None if kernel is None or not type(q) is type(v2) is Array else kernel.calls.terms(q, v2)
+        if kernel is None or numbers is None:
+            return self._state(q, v2).terms()
+        numbers.setflags(write=False)
+        record = np.ndarray(numbers.shape[:-1], kernel.terms, numbers)
+        terms = object.__new__(ReducedTerms)  # its own constructor takes as long as all matrices of a small system
+        vars(terms).update(
+            R=record["E_inverse"][..., m:],
+            R_dot=record["R_dot"],
+            H=record["H"],
+            V=record["V"],
+            G=record["G"],
+            input_matrix=record["input_matrix"],
+            A=record["E"][..., :m, :],
+            A_dot=record["E_dot"][..., :m, :],
+            A_star=record["A_star"],
+            A_star_dot=record["A_star_dot"],
+            v=record["v"],
+            b=record["b"],
+            b_dot=record["b_dot"],
+        )
+        return terms
 
     def lagrangian_terms(self, q: ArrayInput, v2: ArrayInput) -> LagrangianTerms:
         """Matrices H*, C*, g* and B of the unreduced system (1), with C* at ``v = R v2 + b``.
@@ -301,7 +321,7 @@ class ReducedModel(SummaryMixin):
         Raises:
             ConstraintError: no such configuration was found.
         """
-        return self.assembly.project(self._evaluator.validator.validate(q), hold)
+        return self.assembly.project(self._validator.validate(q), hold)
 
     def random_configuration(self, generator: np.random.Generator, spread: float = np.pi) -> Float[Array, " nq"]:
         """Random configuration from ``generator`` within ``spread`` of neutral, projected onto the holonomic rows.
@@ -318,7 +338,7 @@ class ReducedModel(SummaryMixin):
         lines = [
             ("reducing", output_items(self.reducing)),
             ("vertical", output_items(self.vertical)),
-            *system_lines(self.constraints, self.dropped_rows, self.actuation, self._data.forces),
+            *system_lines(self.constraints, self.dropped_rows, self.actuation, self.reduction_data.forces),
         ]
         return ObjectSummary(system_headline("ReducedModel", self.robot, self.constraints), lines)
 

@@ -594,18 +594,8 @@ def kinematic_gradient(here: ConfigurationEvaluation, along: Sequence[int] | Arr
         here: evaluation at configurations.
         along: indices in x2, (s,).
     """
-    return np.moveaxis(output_slopes(here, along), 0, -1)
-
-
-def output_slopes(here: ConfigurationEvaluation, along: Sequence[int] | Array) -> Float[Array, "s *batch k r"]:
-    """Rates of ``A_star`` in the motions of single reducing outputs at unit rate, by their indices in x2, (s,).
-
-    Args:
-        here: evaluation at configurations.
-        along: indices in x2, (s,).
-    """
     if here.arrays_at_q is not None and (filled := here.arrays_at_q.output_slopes(along)) is not None:
-        return filled
+        return np.moveaxis(filled, 0, -1)
     # A column of R moves one reducing output at unit rate, so the rate along it is a partial derivative.
     each = [StateEvaluation(here, v=here.R[..., j]).A_star_dot for j in along]
-    return np.stack(each) if each else np.zeros((0, *here.A_star.shape))
+    return np.stack(each, axis=-1) if each else np.zeros((*here.A_star.shape, 0))

@@ -34,8 +34,8 @@ ORDERS = np.random.default_rng(11).uniform(-1, 1, (4, 5))
 
 def steering(gradient, **changes):
     """Three primary, two redundant and two of three vertical outputs of a system that is written down."""
-    evaluator = SimpleNamespace(output_slopes=lambda q, along: np.moveaxis(gradient[..., along], -1, 0))
-    reduced = SimpleNamespace(affine=False, rheonomic=False, evaluator=evaluator)
+    arrays = SimpleNamespace(output_slopes=lambda along: np.moveaxis(gradient[..., along], -1, 0))
+    reduced = SimpleNamespace(affine=False, rheonomic=False, at=lambda q: SimpleNamespace(arrays_at_q=arrays))
     chosen = task_at(*PLACES)
     first, base = Cubic(*ORDERS[:, :3]), Cubic(*ORDERS[:, 3:])
     return SteeringController(reduced, chosen, first, base, **changes), first, base

@@ -53,7 +53,7 @@ def test_lists_and_other_numbers_take_the_kernel_too(form, monkeypatch):
     ((q, v2),) = random_states(reduced, 1)
     q, v2, T = (np.float32(each).astype(float) for each in (q, v2, np.arange(reduced.p)))
     expected = reduced.forward_dynamics(q, v2, T)
-    numpy_path = "rnc_pin.model.evaluator.Evaluator.state"
+    numpy_path = "rnc_pin.model.reduced_model.ReducedModel._state"
     monkeypatch.setattr(numpy_path, lambda *_: pytest.fail("NumPy evaluates"))
     assert np.array_equal(reduced.forward_dynamics(*map(form, (q, v2, T))), expected)
 
@@ -195,13 +195,13 @@ def test_whole_calls_of_a_compiled_evaluator_are_those_of_numpy_where_it_decline
     data = reduced.reduction_data.in_velocities(W, free=True)
     compiled, plain = evaluator_for(data, reduced.evaluator), Evaluator(data)
     assert compiled.kernel
-    assert compiled.at(q).compiled_kinematics is None
+    assert ConfigurationEvaluation.at(compiled, q).compiled_kinematics is None
     T, external, y = np.ones(data.p), np.full(data.n, 0.1), np.concatenate([v2, np.zeros(data.vertical.size + 1)])
     motion = ReducedMotion(data.robot, np.full(data.n, 0.2))
     for call in (
-        lambda by: by.forward_dynamics(q, v2, T, None),
-        lambda by: by.inverse_dynamics(q, v2, v2, None),
-        lambda by: by.terms(q, v2).V,
+        lambda by: rnc.ReducedModel(by, reduced.assembly).forward_dynamics(q, v2, T),
+        lambda by: rnc.ReducedModel(by, reduced.assembly).inverse_dynamics(q, v2, v2),
+        lambda by: rnc.ReducedModel(by, reduced.assembly).terms(q, v2).V,
         lambda by: motion.rate(by, q.copy(), y, T, external)[1],
         lambda by: by.admissible_velocity(q.copy(), v2)[0],
         lambda by: by.measured(q.copy(), np.ones(data.n)).residual,

@@ -25,7 +25,7 @@ def eager_switching():
 
 
 def by_numpy(reduced, q, v2, t):
-    state = Evaluator(reduced.reduction_data).at(q, v2)
+    state = rnc.ReducedModel(Evaluator(reduced.reduction_data), reduced.assembly).at(q, v2)
     return np.concatenate([np.ravel(each) for each in (state.J1, state.R_dot, state.A_star_dot, state.M, state.V)])
 
 

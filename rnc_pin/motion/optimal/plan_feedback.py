@@ -280,7 +280,7 @@ class BoundedCommands:
         # Forces of the state at the begin of a sample lag by half of it behind gravity and centrifugal forces.
         if dt > 0:
             middle = self._driven.step(middle, rate[None], np.array([dt / 2]))
-        return self._model.reduced.evaluator.inverse_dynamics(middle.q[0], middle.w[0], rate, t + dt / 2)
+        return self._model.reduced.inverse_dynamics(middle.q[0], middle.w[0], rate, t=t + dt / 2)
 
 
 class PlanFeedback(ReprMixin):
