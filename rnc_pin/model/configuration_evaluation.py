@@ -46,25 +46,17 @@ class ConfigurationEvaluation(SummaryMixin):
         q: admitted configurations (..., nq), contiguous and read-only.
         same: evaluation of the same configurations, perhaps in another reduction, whose results are used.
         t: times (...) for rheonomic constraints [s]; None for other constraints.
-        arrays: arrays that the evaluator has filled for q; None if it fills them on first use.
 
     Raises (every quantity that needs R):
         SingularityError: the outputs do not parametrise the motion at q.
     """
 
     def __init__(
-        self,
-        evaluator: ArraySource,
-        q: Array,
-        same: ConfigurationEvaluation | None = None,
-        t: Component | None = None,
-        arrays: CompiledArraysAtQ | None = None,
+        self, evaluator: ArraySource, q: Array, same: ConfigurationEvaluation | None = None, t: Component | None = None
     ) -> None:
         self._evaluator, self._data, self.q, self._same_q, self.t = evaluator, evaluator.data, q, same, t
         # Of the same reduction, arrays and factors are equal; of another one, only the kinematics are.
         self._same_reduction = same if same is not None and same._evaluator is evaluator else None
-        if arrays is not None:
-            self.arrays_at_q = arrays
 
     _of_velocity: ClassVar[set[str]] = set()  # names of subclasses that need one
 

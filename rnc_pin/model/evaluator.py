@@ -22,10 +22,12 @@ from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.filled_arrays import CompiledArraysAtQ, CompiledArraysAtV
 from rnc_pin.model.input_validation import ArrayInput, admit_numbers
-from rnc_pin.model.kinematics import VelocityKinematics
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.reduction_kernel import ReductionKernel, RunRecords
 from rnc_pin.model.state_evaluation import StateEvaluation
+
+_COMPARED = ("passive_force", "M", "E", "nonlinear_effects", "gamma", "E_dot", "J1", "J1_dot")
+"""Quantities by which the kernel is compared with the formulas: all others follow from them by matrices alone."""
 
 
 class _SampledState(StateEvaluation):
@@ -161,7 +163,11 @@ class Evaluator:
         rates = np.ndarray(batch, kernel.rates, records.rates)
         values = records.values[..., r:], records.values[..., :r]
         at_q = CompiledArraysAtQ(kernel, q, None, kinematics, inverse, values)
-        return StateEvaluation.filled(self, q, v, (at_q, CompiledArraysAtV(at_q, v, None, t, rates)), t)
+        state = StateEvaluation.at(self, q, v=v, t=t)
+        # Set for the state too: its own look-up through the configuration costs a call in each sample.
+        state.configuration.arrays_at_q = state.arrays_at_q = at_q
+        state.arrays_at_v = CompiledArraysAtV(at_q, v, None, t, rates)
+        return state
 
     def far_within(
         self, sample: Sequence[StateEvaluation], v2: Array, T: Array, t: float, dt: float, bounds: Sequence[Array]
@@ -252,28 +258,13 @@ def _difference(found: Evaluator) -> float | None:
         q, v = data.robot.random_configuration(generator), generator.uniform(-1.0, 1.0, data.n)
         with suppress(SingularityError, NotImplementedError):  # a row is undefined at q, or has no rate
             by_numpy, by_kernel = (StateEvaluation.at(each, q, v=v, t=t) for each in (Evaluator(data), found))
-            expected = _expected(data, by_numpy.position.with_velocity(v))
             if by_kernel.arrays_at_v is not None and by_kernel.arrays_at_v.rates is not None:
-                differences = [_relative(getattr(by_kernel, name), value) for name, value in expected.items()]
+                differences = [_relative(getattr(by_kernel, name), getattr(by_numpy, name)) for name in _COMPARED]
                 if data.affine:  # rates of the constraints at the velocity at which the reducing outputs rest
                     moved, _ = found.admissible_velocity(q, np.zeros(data.r), t)
                     differences.append(_relative(by_numpy.A @ moved, by_numpy.mu))
                 return max(differences)
     return None
-
-
-def _expected(data: ReductionData, at: VelocityKinematics) -> dict[str, Array]:
-    """Arrays of one state by NumPy, without factors of E: only SciPy computes these, and its import takes long."""
-    return {
-        "passive_force": data.forces.sums(at).total,
-        "M": at.M,
-        "E": data.stack.jacobian(at),
-        "nonlinear_effects": at.bias,
-        "gamma": data.stack.bias_acceleration(at),
-        "E_dot": data.stack.jacobian_dot(at),
-        "J1": data.vertical.jacobian(at),
-        "J1_dot": data.vertical.jacobian_dot(at),
-    }
 
 
 def _relative(found: Array, expected: Array) -> float:

@@ -33,7 +33,7 @@ from rnc_pin.math.linear_algebra import (
 from rnc_pin.model.cached_property import cached_property, filled_at_v
 from rnc_pin.model.configuration_evaluation import ArraySource, ConfigurationEvaluation
 from rnc_pin.model.evaluation_results import Measurement, ReducedRegressor, ReducedTerms, StateDerivative
-from rnc_pin.model.filled_arrays import CompiledArraysAtQ, CompiledArraysAtV
+from rnc_pin.model.filled_arrays import CompiledArraysAtV
 from rnc_pin.model.generalized_forces import ForceSums
 from rnc_pin.model.input_validation import ArrayInput, vector
 from rnc_pin.model.kinematics import VelocityKinematics
@@ -56,7 +56,6 @@ class StateEvaluation(ConfigurationEvaluation):
         v2: validated reduced velocities (..., r).
         v: validated measured full velocities (..., nv), instead of v2.
         motion: kinematics at these configurations and full velocities, if known.
-        arrays: arrays that the evaluator has filled for v; None if it fills them on first use.
 
     Raises (every quantity that needs R):
         SingularityError: the outputs do not parametrise the motion at q.
@@ -73,7 +72,6 @@ class StateEvaluation(ConfigurationEvaluation):
         v2: Array | None = None,
         v: Array | None = None,
         motion: VelocityKinematics | None = None,
-        arrays: CompiledArraysAtV | None = None,
     ) -> None:
         # Of another state at the same configurations, only what depends on q may be used.
         self.configuration: ConfigurationEvaluation = (
@@ -83,8 +81,6 @@ class StateEvaluation(ConfigurationEvaluation):
         # At a velocity, rates of rows over time are needed at once; at a configuration only mu needs them.
         self._check_time()
         self._v2, self._v, self._motion = v2, v, motion
-        if arrays is not None:
-            self.arrays_at_v = arrays
 
     @classmethod
     def at(
@@ -106,30 +102,6 @@ class StateEvaluation(ConfigurationEvaluation):
             t: times (...) [s]; None for constraints that do not depend on time.
         """
         return cls(ConfigurationEvaluation.at(evaluator, q, t=t), v2, v)
-
-    @classmethod
-    def filled(
-        cls,
-        evaluator: ArraySource,
-        q: Array,
-        v: Array,
-        arrays: tuple[CompiledArraysAtQ, CompiledArraysAtV],
-        t: Component | None = None,
-    ) -> StateEvaluation:
-        """Evaluation at validated states with arrays that the evaluator has filled before; q becomes read-only.
-
-        Args:
-            evaluator: evaluator of the reduction.
-            q: configurations (..., nq).
-            v: full velocities (..., nv).
-            arrays: arrays for q, and for v.
-            t: times (...) [s]; None for constraints that do not depend on time.
-        """
-        q.setflags(write=False)
-        state = cls(ConfigurationEvaluation(evaluator, q, None, t, arrays[0]), v=v, arrays=arrays[1])
-        # Set for the state too: its own look-up through the configuration costs a call in each sample.
-        state.arrays_at_q = arrays[0]
-        return state
 
     def in_reduction(self, evaluator: ArraySource) -> StateEvaluation:
         """The same states in another reduction of the same system.
