@@ -19,9 +19,9 @@ import numpy as np
 from rnc_pin._kernel import INTERFACE
 from rnc_pin._kernel.kernel_rows import AT_GROUND, INTEGERS, NUMBERS, Form, KernelForce, Value
 from rnc_pin.constraints.couplings import linkage
-from rnc_pin.constraints.ground_plane import wheel_level, wheel_wrenches
 from rnc_pin.constraints.rolling_body import contact_arm, curved_gradient, curved_wrench
 from rnc_pin.constraints.surfaces import support_point
+from rnc_pin.constraints.wheels_and_blades import wheel_level, wheel_wrenches
 from rnc_pin.math.linear_algebra import cross, dot
 from rnc_pin.model.frame_rows import FLAT
 from rnc_pin.outputs import TOGETHER, distance_force, level, tilt_wrench, yaw_wrench

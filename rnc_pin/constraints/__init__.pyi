@@ -10,6 +10,7 @@ from .momentum import MomentumConservation as MomentumConservation
 from .pfaffian import FixedOutput as FixedOutput
 from .pfaffian import Pfaffian as Pfaffian
 from .pfaffian import PrescribedMotion as PrescribedMotion
+from .rolling_body import Caster as Caster
 from .rolling_body import RollingBall as RollingBall
 from .rolling_body import RollingBody as RollingBody
 from .surfaces import CurvedGround as CurvedGround
@@ -18,6 +19,5 @@ from .surfaces import Ellipsoid as Ellipsoid
 from .surfaces import Sphere as Sphere
 from .surfaces import SphericalGround as SphericalGround
 from .surfaces import Torus as Torus
-from .wheels_and_blades import Caster as Caster
 from .wheels_and_blades import NoSideSlip as NoSideSlip
 from .wheels_and_blades import RollingWheel as RollingWheel

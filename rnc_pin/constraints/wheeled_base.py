@@ -17,7 +17,8 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.array_shapes import Array, Float
-from rnc_pin.constraints.ground_plane import GroundPlane, RollingRows, WheelDisk
+from rnc_pin.constraints.ground_plane import GroundPlane
+from rnc_pin.constraints.wheels_and_blades import RollingRows
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.frame_rows import FrameVelocityRows
 from rnc_pin.model.input_validation import check_positive_settings
@@ -310,16 +311,15 @@ def missing_lateral_rows(reduced: ReducedModel, *, steered: bool = False) -> Row
         reduced: the model.
         steered: True for those only that an upright pivot carries, with no joint between: wheels that have to be aimed.
     """
-    lateral, robot = np.array([[0.0, 1.0, 0.0]]), reduced.robot
+    lateral, robot = {"lateral": (0.0, 1.0, 0.0)}, reduced.robot
     found, position = [], Kinematics(robot).position(robot.configuration())
     for block, *_ in reduced.all_constraints.places:
         parts = {name.partition("(")[0] for name in block.names}
         if not isinstance(block, RollingRows) or "rolling" not in parts or "lateral" in parts:
             continue
         if not steered or _on_pivot(robot, position, block.frame):
-            disk = WheelDisk(block.wheel, block.radius, block.axle, ("lateral",), lateral)
             plane = block.ground if isinstance(block.ground, GroundPlane) else GroundPlane()
-            found.append(RollingRows(disk, "all", plane, robot))
+            found.append(RollingRows(block.wheel, block.radius, block.axle, lateral, "all", plane, robot))
     return RowStack(found)
 
 

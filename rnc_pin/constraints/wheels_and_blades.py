@@ -1,23 +1,27 @@
-"""Wheels that roll on a plane, upright or leaning; knife edges that prevent side slip; casters that only carry."""
+"""Wheels that roll on a plane, upright or leaning, and knife edges that prevent side slip.
+
+A ``RollingWheel`` is bound to ``RollingRows``, whose formula is ``wheel_wrenches``.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin._kernel.kernel_rows import Form, KernelRow, wrench_rows
-from rnc_pin.constraints.ground_plane import GroundPlane, RollingRows, WheelDisk, on_carrier, plane_below
+from rnc_pin._kernel.kernel_rows import Form, KernelRow, attached, wrench_rows
+from rnc_pin.constraints.ground_plane import GroundPlane, admit_plane, on_carrier
 from rnc_pin.constraints.rolling_body import RollingBody
 from rnc_pin.constraints.surfaces import CurvedGround, Torus, admit_ground
 from rnc_pin.errors import ConfigurationError, ConstraintError
-from rnc_pin.math.linear_algebra import Entry, cross
-from rnc_pin.model.frame_rows import ConstantWrenchRows, DirectionRows, OffsetFrame, frame_direction
-from rnc_pin.model.input_validation import Axis, NotNegative, Positive, Vector, is_number
+from rnc_pin.math.linear_algebra import Entry, cross, dot
+from rnc_pin.model.frame_rows import FLAT, DirectionRows, OffsetFrame, frame_direction
+from rnc_pin.model.input_validation import Axis, Positive, Vector, is_number
 from rnc_pin.model.kinematics import OWN_AXES, Kinematics, PositionKinematics
-from rnc_pin.model.rows import Friction, GroundContact, Rows
+from rnc_pin.model.rows import Friction, GroundContact, Rows, check_defined
 from rnc_pin.robots.robot import Robot
 
 
@@ -92,8 +96,8 @@ class RollingWheel:
             turned = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axle).matrix()
             rim, rpy = Torus(self.radius), tuple(pin.rpy.matrixToRpy(turned).tolist())
             return RollingBody(self.frame, rim, rpy=rpy, ground=ground).bind(robot)
-        plane = plane_below(self.ground, f"wheel '{self.frame}'") or GroundPlane()
-        rows = RollingRows(WheelDisk(self.frame, self.radius, axle, *_parts(self)), _friction(self), plane, robot)
+        plane = admit_plane(self.ground, f"wheel '{self.frame}'")
+        rows = RollingRows(self.frame, self.radius, axle, _parts(self), _friction(self), plane, robot)
         return on_carrier(rows, self.frame, self.ground, robot)
 
 
@@ -105,20 +109,14 @@ def _friction(kind: RollingWheel) -> Friction:
     return "oblique" if abs(kind.roller) > 1e-9 else "longitudinal"
 
 
-def _parts(kind: RollingWheel) -> tuple[tuple[str, ...], np.ndarray | None]:
-    """Names of the rows, and their combination (k, 3) of the rolling, lateral and vertical rows; None for identity."""
-    names: tuple[str, ...]
+def _parts(kind: RollingWheel) -> dict[str, Vector]:
+    """Word of each row, with its weights of the rolling, lateral and vertical rows."""
+    parts: dict[str, Vector] = {"rolling": (1.0, 0.0, 0.0)}
     if kind.roller is not None:
-        names, rows = ("roller",), [[float(np.cos(kind.roller)), float(np.sin(kind.roller)), 0.0]]
+        parts = {"roller": (float(np.cos(kind.roller)), float(np.sin(kind.roller)), 0.0)}
     elif kind.lateral:
-        names, rows = ("rolling", "lateral"), [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
-    else:
-        names, rows = ("rolling",), [[1.0, 0.0, 0.0]]
-    if not kind.vertical:
-        return names, np.array(rows)
-    names, rows = (*names, "vertical"), [*rows, [0.0, 0.0, 1.0]]
-    # None spares a product with the identity at each evaluation.
-    return names, None if len(rows) == 3 else np.array(rows)
+        parts["lateral"] = (0.0, 1.0, 0.0)
+    return parts | {"vertical": (0.0, 0.0, 1.0)} if kind.vertical else parts
 
 
 def _joint_axis(name: str, robot: Robot) -> np.ndarray:
@@ -137,6 +135,141 @@ def _joint_axis(name: str, robot: Robot) -> np.ndarray:
     if np.linalg.norm(axis) < 0.5:
         raise ConstraintError(f"joint of wheel '{name}' is not revolute: give the axle with axis='x', 'y' or 'z'")
     return axis
+
+
+def wheel_level(axle: Sequence[Entry], normal: Sequence[Entry]) -> Entry:
+    """Sine of the angle between the axle of a wheel and the normal of its plane.
+
+    Args:
+        axle: unit axle of the wheel, three components in the axes of the normal.
+        normal: unit normal of the plane, three components.
+    """
+    across = cross(axle, normal)
+    return dot(across, across) ** 0.5
+
+
+def wheel_wrenches(axle: Sequence[Entry], normal: Sequence[Entry], radius: Entry) -> list[list[Entry]]:
+    """Rolling, lateral and vertical rows (3, 6) of a wheel on a plane.
+
+    The axle is a, the normal n, ``z = a . n`` and s the length of ``a x n``. The wheel heads along ``h = a x n / s``,
+    and ``c = n x h`` is sideways. The contact point is at ``arm = radius (z c - s n)`` from the centre. With the
+    centre's velocity v and the angular velocity w, the material point there has the velocity ``v + w x arm``. Its
+    components are
+
+        rolling   h . v - radius a . w
+        lateral   c . v + radius s h . w
+        vertical  n . v + radius z h . w.
+
+    Args:
+        axle: unit axle of the wheel, three components in world axes.
+        normal: unit normal of the plane, three components in world axes.
+        radius: radius of the wheel [m].
+    """
+    across, s, z = cross(axle, normal), wheel_level(axle, normal), dot(axle, normal)
+    # Of unit length: rolling and lateral rows are speeds at any lean of the wheel.
+    heading = [each / s for each in across]
+    rolling = [*heading, *(-radius * each for each in axle)]
+    # The arm to the contact is r (z h' - s n): its moments are in closed form, without the point itself.
+    lateral = [*cross(normal, heading), *(radius * each for each in across)]
+    return [rolling, lateral, [*normal, *(radius * z * each for each in heading)]]
+
+
+class RollingRows(DirectionRows):
+    """Rows of a ``RollingWheel`` that is bound to a robot: ``wheel_wrenches``. A roller or a wheel that skids combines
+    them. The kernel has the same formula as ``Form.WHEEL``, generated from it.
+
+    Args:
+        wheel: name of a frame at the centre.
+        radius: radius [m]. The rows are affine in it. An estimator sets it on its own copy.
+        axle: axle in the frame's own axes (3,).
+        parts: word of each row, with its weights of the rolling, lateral and vertical rows.
+        friction: directions of friction on the ground.
+        plane: the ground.
+        robot: the robot that has the frame.
+    """
+
+    on_ground = True
+    undefined = "a wheel lies flat on the ground"
+
+    def __init__(
+        self,
+        wheel: str,
+        radius: float,
+        axle: np.ndarray,
+        parts: Mapping[str, Vector],
+        friction: Friction,
+        plane: GroundPlane,
+        robot: Robot,
+    ) -> None:
+        self.names = tuple(f"{part}({wheel})" for part in parts)
+        self.units = ("m/s",) * len(parts)
+        self.holonomic = tuple(part == "vertical" for part in parts)
+        self.wheel, self.frame, self._friction = wheel, robot.frame_id(wheel), friction
+        # A wheel needs the direction of its axle only: its turn about the axle moves no contact.
+        self.radius, self.axle, self.directions = radius, axle, axle[:, None]
+        # All three rows are the wrenches themselves: None spares a product with the identity at each evaluation.
+        self.combination = None if len(parts) == 3 else np.array(list(parts.values()))
+        self.ground = None if plane.is_default else plane
+        self._point, self._up = np.asarray(plane.point), plane.axes[2]
+        # ``a @ skew(n)`` is ``a x n`` for stacks of axles, without the overhead of numpy.cross.
+        self._normal, self._turned = self._up.tolist(), pin.skew(self._up)
+        self.twist, self.affine = plane.twist, plane.moves
+
+    def regularity(self, *directions: Sequence[Entry]) -> Entry:
+        return wheel_level(directions[0], self._normal)
+
+    def formula(self, *directions: Sequence[Entry]) -> list[list[Entry]]:
+        return wheel_wrenches(directions[0], self._normal, self.radius)
+
+    def wrenches_at(self, q: np.ndarray, rotation: np.ndarray) -> list[list[float]]:
+        """Wrenches (k, 6) as numbers of Python.
+
+        Args:
+            q: one configuration (nq,), for messages.
+            rotation: rotation of the frame there (3, 3).
+
+        Raises:
+            SingularityError: the wheel lies flat.
+        """
+        # An estimator calls this for each sample: Python numbers are faster than arrays of three.
+        (axle,) = self.world_directions(rotation)
+        check_defined(self.undefined, q, cast("float", wheel_level(axle, self._normal)), FLAT, self.names)
+        found = cast("list[list[float]]", wheel_wrenches(axle, self._normal, self.radius))
+        if self.combination is None:
+            return found
+        combined: list[list[float]] = self.combination.dot(found).tolist()
+        return combined
+
+    def _contact(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
+        """Contact points (..., 3), and the directions of rolling, lateral and vertical rows there (..., 3, 3)."""
+        place, normal = at.placement(self.frame), self._up
+        axle = place.rotation @ self.axle
+        across = axle @ self._turned  # a x n
+        s, z = np.sqrt(np.vecdot(across, across))[..., None], np.asarray(axle @ normal)[..., None]
+        check_defined(self.undefined, at.q, s[..., 0], FLAT, self.names)
+        heading = across / s
+        sideways = heading @ self._turned.T  # n x h
+        directions = np.empty((*heading.shape, 3))
+        directions[..., 0, :], directions[..., 1, :], directions[..., 2, :] = heading, sideways, normal
+        return place.translation + self.radius * (z * sideways - s * normal), directions
+
+    def residual(self, at: PositionKinematics) -> np.ndarray:
+        height = (self._contact(at)[0] - self._point) @ self._up
+        # Only the vertical row has a residual: the others are not integrable.
+        return np.asarray(height)[..., None] * self.holonomic
+
+    def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
+        contact, directions = self._contact(at)
+        directions = self._combined(directions)
+        return np.broadcast_to(contact[..., None, :], directions.shape), directions
+
+    def mechanisms(self) -> tuple[GroundContact]:
+        return (GroundContact(self.wheel, self.radius, self.axle, friction=self._friction),)
+
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
+        combination = np.eye(3) if self.combination is None else self.combination
+        numbers = [[*self.axle, self.radius, *self._normal, *weights] for weights in combination]
+        return wrench_rows(Form.WHEEL, attached(model, self.frame), numbers, self.twist)
 
 
 @dataclass(frozen=True)
@@ -173,7 +306,7 @@ class NoSideSlip:
     ground: GroundPlane | None = None
 
     def bind(self, robot: Robot) -> Rows:
-        plane = plane_below(self.ground, f"knife edge '{self.frame}'") or GroundPlane()
+        plane = admit_plane(self.ground, f"knife edge '{self.frame}'")
         return on_carrier(_NoSideSlipRow(self, plane, robot), self.frame, self.ground, robot)
 
 
@@ -205,64 +338,3 @@ class _NoSideSlipRow(DirectionRows):
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
         return wrench_rows(Form.OWN, self._point.attached(model), [[*self._axis.tolist(), 0.0, 0.0, 0.0]], self.twist)
-
-
-@dataclass(frozen=True)
-class Caster:
-    """Frictionless ball on the ground: it supports the robot and moves freely in the plane.
-
-    It models a caster whose swivel and wheel are not joints of the model, a ball transfer unit, or a skid.
-    The only row, vertical, is holonomic: the frame's origin stays at height ``radius``. For a planar base, the row is
-    zero and is dropped.
-
-    Args:
-        frame: a frame at the centre of the ball.
-        radius: radius of the ball [m]; 0 for a point contact.
-        ground: the plane; None for z = 0. Its motion has no effect.
-
-    Raises:
-        ModelError: unknown frame.
-        ConstraintError: the radius is negative, or the ground is no plane.
-
-    Example:
-        >>> robot = rnc.Robot.from_urdf("differential_drive.urdf", base="free")
-        >>> wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
-        >>> system = rnc.NonholonomicSystem(robot, [*wheels, rnc.Caster("nose", radius=0.1)])
-        >>> print(system.r, system.assembled(robot.configuration())[2].round(3))  # it stands, and drives as on a plane
-        2 0.1
-    """
-
-    frame: str
-    radius: NotNegative
-    ground: GroundPlane | None = None
-
-    def bind(self, robot: Robot) -> Rows:
-        if not (is_number(self.radius) and self.radius >= 0):
-            raise ConstraintError(f"radius of caster '{self.frame}' has to be zero or positive, found {self.radius!r}")
-        plane = plane_below(self.ground, f"caster '{self.frame}'") or GroundPlane()
-        return on_carrier(_CasterRow(self, plane, robot), self.frame, self.ground, robot)
-
-
-class _CasterRow(ConstantWrenchRows):
-    """Velocity of the centre along the normal of the plane."""
-
-    holonomic = (True,)
-    on_ground = True
-    units = ("m/s",)
-
-    def __init__(self, kind: Caster, plane: GroundPlane, robot: Robot) -> None:
-        self.names, self.frame = (f"vertical({kind.frame})",), robot.frame_id(kind.frame)
-        self.ground = None if plane.is_default else plane
-        self._caster, self._point, self._normal = kind, np.asarray(plane.point), plane.axes[2]
-        self.matrix = np.array([[*self._normal, 0.0, 0.0, 0.0]])
-
-    def residual(self, at: PositionKinematics) -> np.ndarray:
-        height = (at.placement(self.frame).translation - self._point) @ self._normal - self._caster.radius
-        return np.asarray(height[..., None])
-
-    def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
-        contact = at.placement(self.frame).translation[..., None, :] - self._caster.radius * self._normal
-        return contact, np.broadcast_to(self._normal, contact.shape)
-
-    def mechanisms(self) -> tuple[GroundContact]:
-        return (GroundContact(self._caster.frame, self._caster.radius, friction="none"),)

@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.constraints import MomentumConservation
-from rnc_pin.constraints.ground_plane import RollingRows
+from rnc_pin.constraints.wheels_and_blades import RollingRows
 from rnc_pin.control.estimation import EstimatedModel, ParametrizedCopy
 from rnc_pin.errors import ConfigurationError, ModelError, SingularityError, nearest
 from rnc_pin.math.linear_algebra import cross, dot

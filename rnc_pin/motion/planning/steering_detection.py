@@ -10,8 +10,8 @@ import pinocchio as pin
 import scipy
 
 from rnc_pin.array_shapes import Array, Bool, Float
-from rnc_pin.constraints.ground_plane import RollingRows
 from rnc_pin.constraints.wheeled_base import WheeledBase
+from rnc_pin.constraints.wheels_and_blades import RollingRows
 from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, SingularityError
 from rnc_pin.model.frame_rows import FrameVelocityRows
 from rnc_pin.model.kinematics import OWN_AXES
