@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
+from by_numpy import by_numpy
 from kinds import KINDS, driven_arm
-from rnc_pin.model.evaluator import Evaluator
 from systems import random_states, space_robot_in_joints
 
 THREADS, ROUNDS = 4, 100
@@ -24,8 +24,8 @@ def eager_switching():
     sys.setswitchinterval(before)
 
 
-def by_numpy(reduced, q, v2, t):
-    state = rnc.ReducedModel(Evaluator(reduced.reduction_data), reduced.assembly).at(q, v2)
+def plain(reduced, q, v2, t):
+    state = by_numpy(reduced, q, v2=v2)
     return np.concatenate([np.ravel(each) for each in (state.J1, state.R_dot, state.A_star_dot, state.M, state.V)])
 
 
@@ -40,7 +40,7 @@ def with_mass(reduced, q, v2, t):
 
 
 @pytest.mark.parametrize(("make", "evaluate"), [
-    (KINDS["bodies that roll"], by_numpy),
+    (KINDS["bodies that roll"], plain),
     (space_robot_in_joints, with_mass),
 ])  # fmt: skip
 def test_threads_that_evaluate_one_model_find_what_one_thread_finds(make, evaluate, eager_switching):
