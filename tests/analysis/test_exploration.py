@@ -12,33 +12,24 @@ from rnc_pin.analysis import classify
 from rnc_pin.analysis.exploration import default_candidates, tip_frames, tip_positions
 from rnc_pin.outputs import velocity_outputs
 from systems import fire_truck, mobile_manipulator, space_robot
-
-LINK = (
-    '<link name="{0}"><inertial><mass value="{1}"/><origin xyz="{2} 0 0"/>'
-    '<inertia ixx="{1}" iyy="{1}" izz="{1}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-)
-JOINT = (
-    '<joint name="{0}" type="{1}"><parent link="{2}"/><child link="{3}"/><origin xyz="{4} {5} 0"/><axis xyz="0 0 1"/>'
-    '<limit lower="-3" upper="3" velocity="1" effort="1"/></joint>'
-)
+from urdf_parts import joint, link, read
 
 
 def hub(folder, arms, links, base):
     """Hub in the plane with arms of equal links, on a pivot or free."""
-    parts = [LINK.format("hub", 5, 0)]
+    turns = {"axis": "0 0 1", "kind": "revolute", "limits": (-3, 3)}
+    parts = [link("hub", 5, moment=5)]
     if base == "fixed":
-        parts += ['<link name="world"/>', JOINT.format("pivot", "revolute", "world", "hub", 0, 0)]
+        parts += ['<link name="world"/>', joint("pivot", "world", "hub", **turns)]
     for arm in range(arms):
         before = "hub"
         for k in range(links):
-            name, place = f"{'left' if arm == 0 else 'right'}_{k + 1}", 1 if k else 0.3
-            parts += [LINK.format(name, 1, 0.5), JOINT.format(f"{name}_joint", "revolute", before, name, place, 0)]
+            name, place = f"{'left' if arm == 0 else 'right'}_{k + 1}", (1 if k else 0.3, 0, 0)
+            parts += [link(name, at="0.5 0 0", moment=1), joint(f"{name}_joint", before, name, place, **turns)]
             before = name
         hand = f"{before}_hand"
-        parts += [f'<link name="{hand}"/>', JOINT.format(f"{before}_end", "fixed", before, hand, 1, 0)]
-    path = folder / "hub.urdf"
-    path.write_text(f'<robot name="hub">{"".join(parts)}</robot>')
-    robot = rnc.Robot.from_urdf(path, base=base)
+        parts += [f'<link name="{hand}"/>', joint(f"{before}_end", before, hand, (1, 0, 0), kind="fixed")]
+    robot = read(folder / "hub.urdf", *parts, base=base)
     conserved = rnc.MomentumConservation("pivot" if base == "fixed" else "root_joint")
     driven = [name for name in robot.joint_names if name not in ("pivot", "root_joint")]
     return rnc.NonholonomicSystem(robot, [conserved], driven).reduce()

@@ -11,20 +11,16 @@ from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.scenario.schema.scenario import validate
 from rnc_pin.constraints.wheeled_base import wheel_height_findings
 from rnc_pin.verdict import FindingKind, Severity
+from urdf_parts import joint, link, robot
 from zoo import MECANUM, WHEELS, load
 
 
 def cart(height=0.17):
     """Two wheels at a height, on an axle along y."""
-    inertial = '<inertial><mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>'
-    parts = [f'<link name="base">{inertial}</link>']
+    parts = [link(name) for name in ("base", "wheel_left", "wheel_right")]
     for side, y in (("left", 0.3), ("right", -0.3)):
-        parts.append(
-            f'<link name="wheel_{side}">{inertial}</link>'
-            f'<joint name="{side}" type="continuous"><parent link="base"/><child link="wheel_{side}"/>'
-            f'<origin xyz="0 {y} {height}"/><axis xyz="0 1 0"/></joint>'
-        )
-    return f'<robot name="cart">{"".join(parts)}</robot>'
+        parts.append(joint(side, "base", f"wheel_{side}", (0, y, height)))
+    return robot(*parts, name="cart")
 
 
 def findings(folder, radius=0.25, base="planar", q=None, stated=None, ground=None, height=0.17):

@@ -12,19 +12,15 @@ from rnc_pin.collision import OmittedPair
 from rnc_pin.simulation import Clearance, LimitReplay, distance_findings, sampled_run
 from rnc_pin.verdict import FindingKind, Severity
 from simple_controllers import Idle, Inputs
-
-LINK = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+from urdf_parts import joint, link, read
 
 
 def sliders(tmp_path, first, second):
-    joints = "".join(
-        f'<link name="{name}">{LINK}</link><joint name="{name}" type="prismatic"><parent link="base"/>'
-        f'<child link="{name}"/><axis xyz="1 0 0"/><limit {limit}/></joint>'
-        for name, limit in {"a": first, "b": second}.items()
-    )
-    path = tmp_path / "sliders.urdf"
-    path.write_text(f'<robot name="sliders"><link name="base"/>{joints}</robot>')
-    return rnc.Robot.from_urdf(path)
+    parts = [link("base"), link("a"), link("b")]
+    for name, limit in {"a": first, "b": second}.items():
+        slide = joint(name, "base", name, axis="1 0 0", kind="prismatic", effort=None)
+        parts.append(slide.replace("</joint>", f"<limit {limit}/></joint>"))
+    return read(tmp_path / "sliders.urdf", *parts)
 
 
 def pushed(robot, T, duration=1.0, **options):

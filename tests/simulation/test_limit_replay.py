@@ -8,9 +8,9 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from carts import WHEELS, cart_with_arm
 from rnc_pin.collision import Obstacle, ground_shape
 from rnc_pin.simulation import obstacles_passed, replay_limits
+from urdf_parts import joint, link, read, wheel
 
 
 @pytest.fixture(scope="module")
@@ -68,6 +68,19 @@ def test_collisions_with_obstacles_are_found(run_of_panda):
     assert np.diff(replay.time).min() > 0.02 - 1e-9
     assert replay.time[-1] == run.time[-1]
     assert all(replay.distances[:, k].min() < replay.within for k in range(len(replay.clearances)))
+
+
+WHEELS = ("wheel_left", "wheel_right")
+
+
+def cart_with_arm(folder):
+    """A cart on two wheels with an arm of two links that reaches below the floor."""
+    turning, arm = {"kind": "revolute", "limits": (-3, 3)}, {"shape": '<box size="0.35 0.04 0.04"/>', "at": "0.2 0 0"}
+    parts = [link("cart", shape='<box size="0.4 0.3 0.2"/>', at="0 0 0.25"), link("upper", **arm), link("lower", **arm)]
+    parts += [wheel(name, "cart", (0, y, 0.1)) for name, y in zip(WHEELS, (0.2, -0.2), strict=True)]
+    parts += [joint("shoulder", "cart", "upper", (0.25, 0, 0.3), **turning)]
+    parts += [joint("elbow", "upper", "lower", (0.4, 0, 0), **turning)]
+    return read(folder / "cart.urdf", *parts, base="planar")
 
 
 def run_through(robot, *places):

@@ -5,24 +5,18 @@ import numpy as np
 import pinocchio as pin
 
 import rnc_pin as rnc
+from urdf_parts import joint, link, read
 
-URDF = """<robot name="forklift">
-<link name="base"><inertial><origin xyz="0 0 0.5"/><mass value="300"/>
-<inertia ixx="30" iyy="60" izz="60" ixy="0" ixz="0" iyz="0"/></inertial>
-<collision><origin xyz="0 0 0.5"/><geometry><box size="1.6 0.9 1.0"/></geometry></collision></link>
-<link name="load"><inertial><mass value="80"/>
-<inertia ixx="8" iyy="8" izz="8" ixy="0" ixz="0" iyz="0"/></inertial>
-<collision><geometry><box size="0.9 0.8 0.6"/></geometry></collision></link>
-<joint name="lift_joint" type="prismatic"><parent link="base"/><child link="load"/><origin xyz="1.3 0 0.35"/>
-<axis xyz="0 0 1"/><limit lower="0" upper="1.4" effort="{effort}" velocity="0.5"/></joint></robot>"""
 BASE, LOAD, OFFSET = (1.6, 0.9, 1.0), (0.9, 0.8, 0.6), (1.3, 0.0, 0.35)
 
 
 def forklift(folder, effort=3000):
     """Reduced model with forward speed, turning rate and lift."""
-    path = folder / "forklift.urdf"
-    path.write_text(URDF.format(effort=effort))
-    robot = rnc.Robot.from_urdf(path, base="planar")
+    boxes = ('<box size="{} {} {}"/>'.format(*size) for size in (BASE, LOAD))
+    lift = {"axis": "0 0 1", "kind": "prismatic", "effort": effort, "limits": (0, 1.4), "speed": 0.5}
+    parts = [link("base", 300, next(boxes), at="0 0 0.5", moment=60), link("load", 80, next(boxes), moment=8)]
+    parts += [joint("lift_joint", "base", "load", OFFSET, **lift)]
+    robot = read(folder / "forklift.urdf", *parts, base="planar")
     inputs = [rnc.FrameForce("base", "x"), rnc.FrameTorque("base", "z"), "lift_joint"]
     system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("base")], inputs)
     return system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base"), rnc.JointPosition("lift_joint")])

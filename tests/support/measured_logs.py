@@ -9,6 +9,7 @@ import numpy as np
 
 import rnc_pin as rnc
 from rnc_pin.lab.calibration import EncoderOffset, EncoderScale, JointShift, SensorPlace, TimeShift, WheelRadius
+from urdf_parts import joint, link, read
 
 MEASURED = Path(os.environ.get("RNC_PIN_LOGS", Path(__file__).parents[3] / "shared" / "data" / "logs"))
 """Folder of measured logs, which are no part of the project."""
@@ -25,20 +26,6 @@ COLUMNS = {
     },
     "frames": {"laser": {"x": 10, "y": 11, "yaw": 12}},
 }
-TRICYCLE = """<robot name="tricycle">
-<link name="base"><inertial><mass value="100"/>
-<inertia ixx="10" iyy="10" izz="10" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<link name="laser"/><joint name="mount" type="fixed"><parent link="base"/><child link="laser"/>
-<origin xyz="1.5 0 1"/></joint>
-<link name="fork"><inertial><mass value="5"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
-</link>
-<joint name="steering" type="continuous"><parent link="base"/><child link="fork"/><origin xyz="1.4 0 0.1"/>
-<axis xyz="0 0 1"/></joint>
-<link name="front"><inertial><mass value="5"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
-</link>
-<joint name="traction" type="continuous"><parent link="fork"/><child link="front"/><axis xyz="0 1 0"/></joint>
-</robot>"""
-"""The nominal tricycle of the log: wheelbase 1.4 m, laser 1.5 m ahead of the rear axle."""
 UNKNOWN = (
     EncoderScale("steering"),
     EncoderOffset("steering"),
@@ -53,8 +40,9 @@ DELAYS = (TimeShift("steering"), TimeShift())
 
 
 def tricycle_system(folder: Path) -> rnc.NonholonomicSystem:
-    """The nominal tricycle: a steered and driven front wheel, and no side slip of the rear axle."""
-    path = folder / "tricycle.urdf"
-    path.write_text(TRICYCLE)
-    robot = rnc.Robot.from_urdf(path, base="planar")
+    """The nominal tricycle: wheelbase 1.4 m, laser 1.5 m ahead of the rear axle, which does not slip."""
+    parts = [link("base", 100), link("fork", 5), link("front", 5), '<link name="laser"/>']
+    parts += [joint("mount", "base", "laser", (1.5, 0, 1), kind="fixed"), joint("traction", "fork", "front")]
+    parts += [joint("steering", "base", "fork", (1.4, 0, 0.1), "0 0 1")]
+    robot = read(folder / "tricycle.urdf", *parts, base="planar")
     return rnc.NonholonomicSystem(robot, [rnc.RollingWheel("front", RADIUS), rnc.NoSideSlip("base")])

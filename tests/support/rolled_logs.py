@@ -10,6 +10,7 @@ import numpy as np
 import rnc_pin as rnc
 from rnc_pin.lab.calibration import EncoderOffset, EncoderScale, JointShift, SensorPlace, WheelRadius
 from rnc_pin.lab.logs import Channel
+from urdf_parts import joint, link, robot
 
 STEP, ENCODERS, SENSOR = 1e-3, 20, 40  # period of the motion [s]; steps between samples of encoders and of the sensor
 TICKS = 16384
@@ -79,24 +80,12 @@ def signal(generator: np.random.Generator) -> Signal:
     return lambda time: 0.1 + sum(a * np.sin(w * time + p) for a, w, p in zip(size, rate, phase, strict=True))
 
 
-def _link(name: str) -> str:
-    moments = 'ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"'
-    return f'<link name="{name}"><inertial><mass value="5"/><inertia {moments}/></inertial></link>'
-
-
-def _joint(parent: str, child: str, at: tuple[float, ...], axis: str = "0 1 0", kind: str = "continuous") -> str:
-    place = " ".join(map(repr, map(float, at)))
-    return (
-        f'<joint name="{child}_joint" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-        f'<origin xyz="{place}"/><axis xyz="{axis}"/></joint>'
-    )
-
-
 def _file(numbers: Numbers, *parts: tuple[str, str, tuple[float, ...], str]) -> str:
     """File of a base with a sensor, and bodies: parent, name, place and axis."""
-    sensor = '<link name="sensor"/>' + _joint("base", "sensor", (numbers["sx"], numbers["sy"], 0.5), kind="fixed")
-    bodies = "".join(_link(name) + _joint(parent, name, at, axis) for parent, name, at, axis in parts)
-    return f'<robot name="vehicle">{_link("base")}{sensor}{bodies}</robot>'
+    sensor = joint("sensor_joint", "base", "sensor", (numbers["sx"], numbers["sy"], 0.5), kind="fixed", effort=None)
+    joints = (joint(f"{name}_joint", parent, name, at, axis, effort=None) for parent, name, at, axis in parts)
+    bodies = (link(name) for _, name, _, _ in parts)
+    return robot(link("base"), '<link name="sensor"/>', sensor, *bodies, *joints, name="vehicle")
 
 
 Y, Z = "0 1 0", "0 0 1"

@@ -1,5 +1,7 @@
 """Small URDF files, from parts: links, joints, wheels on pivots, and what names their motors."""
 
+import rnc_pin as rnc
+
 BOX = '<box size="0.6 0.3 0.1"/>'
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
@@ -23,10 +25,11 @@ def link(name, mass=1.0, shape="", turn="0 0 0", at="0 0 0", moment=None, geomet
     )
 
 
-def joint(name, parent, child, at, axis="0 1 0", kind="continuous", effort=10.0, limits=None, rpy="0 0 0"):
+def joint(name, parent, child, at=(0, 0, 0), axis="0 1 0", kind="continuous", effort=10.0, limits=None, rpy="0 0 0",
+          speed=20):  # fmt: skip
     """A joint; ``effort=None`` states no limit at all."""
     bounds = "" if limits is None else f'lower="{limits[0]}" upper="{limits[1]}" '
-    limit = "" if effort is None else f'<limit {bounds}effort="{effort}" velocity="20"/>'
+    limit = "" if effort is None else f'<limit {bounds}effort="{effort}" velocity="{speed}"/>'
     place = " ".join(f"{each:.9g}" for each in at)
     return (
         f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
@@ -65,6 +68,11 @@ def plugin(filename, *joints):
 
 def robot(*parts, name="unit_7"):
     return f'<robot name="{name}">{"".join(parts)}</robot>'
+
+
+def read(path, *parts, **options):
+    """Robot of a file of these parts, which is written first."""
+    return rnc.Robot.from_urdf(write(path, robot(*parts, name=path.stem)), **options)
 
 
 def cart(**axles):

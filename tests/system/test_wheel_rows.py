@@ -14,6 +14,7 @@ from rnc_pin.model.kinematics import Kinematics
 from row_kinds import OF_TWO_WHEELS
 from systems import CORNERS, WHEEL, random_states
 from tolerances import ROUNDING
+from urdf_parts import joint, link, read
 
 
 @pytest.mark.parametrize("name", ["mecanum", "omni", "skid", "side slip x", "side slip y", "caster of a wheel"])
@@ -56,17 +57,11 @@ def test_three_omni_wheels_turn_as_they_are_pushed_along_their_headings():
 
 def wheels_about(folder, base, **axes):
     """A body with wheels on continuous joints about any axes: frames and joints of their names."""
-    inertia = '<mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/>'
-    parts = [
-        f'<link name="{name}"><inertial>{inertia}</inertial></link><joint name="{name}_spin" type="continuous">'
-        f'<parent link="base"/><child link="{name}"/><origin xyz="0.3 0.2 0" rpy="0.2 0 0"/>'
-        f'<axis xyz="{" ".join(map(str, axis))}"/></joint>'
-        for name, axis in axes.items()
-    ]
-    path = folder / "wheels.urdf"
-    body = f'<link name="base"><inertial>{inertia}</inertial></link>'
-    path.write_text(f'<robot name="wheels">{body}{"".join(parts)}</robot>')
-    return rnc.Robot.from_urdf(path, base=base)
+    parts = [link("base"), *map(link, axes)]
+    for name, axis in axes.items():
+        along = " ".join(map(str, axis))
+        parts.append(joint(f"{name}_spin", "base", name, (0.3, 0.2, 0), along, rpy="0.2 0 0"))
+    return read(folder / "wheels.urdf", *parts, base=base)
 
 
 @pytest.mark.parametrize("roller", [0.6, -1.5])

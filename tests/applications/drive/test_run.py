@@ -206,15 +206,6 @@ def test_limits_of_the_file_hold_and_are_named():
     assert (q <= model.upperPositionLimit[[each.idx_q for each in bounded]] + 1e-6).all()
 
 
-ARM = """<robot name="arm"><link name="ground"/>{}<link name="tip"><inertial><mass value="0.1"/>
-<inertia ixx="0.001" ixy="0" ixz="0" iyy="0.001" iyz="0" izz="0.001"/></inertial></link>
-<joint name="hand" type="fixed"><parent link="link_3"/><child link="tip"/><origin xyz="0.5 0 0"/></joint></robot>"""
-LINK = """<link name="link_{0}"><inertial><origin xyz="0.25 0 0"/><mass value="1"/>
-<inertia ixx="0.01" ixy="0" ixz="0" iyy="0.03" iyz="0" izz="0.03"/></inertial>
-<collision><origin xyz="0.25 0 0"/><geometry><box size="0.4 0.06 0.06"/></geometry></collision></link>
-<joint name="joint_{0}" type="revolute"><parent link="{1}"/><child link="link_{0}"/><origin xyz="{2} 0 0"/>
-<axis xyz="0 0 1"/><limit lower="-2.5" upper="2.5" effort="100" velocity="2"/></joint>"""
-
 SCENARIO = """
 robot: {urdf: arm.urdf}
 obstacles:
@@ -229,8 +220,12 @@ simulation: {duration: 1, dt: 0.02}
 
 def test_an_obstacle_that_moves_into_the_arm_is_avoided(tmp_path):
     """The distance is measured by coal on the recorded motion; a planar arm of three links at rest would be hit."""
-    links = [LINK.format(k, "ground" if k == 1 else f"link_{k - 1}", 0.0 if k == 1 else 0.5) for k in (1, 2, 3)]
-    (tmp_path / "arm.urdf").write_text(ARM.format("".join(links)))
+    beam, turns = '<box size="0.4 0.06 0.06"/>', ("0 0 1", "revolute", 100, (-2.5, 2.5))
+    parts = [link("link_0"), link("tip", 0.1), joint("hand", "link_3", "tip", (0.5, 0, 0), kind="fixed")]
+    for k in (1, 2, 3):
+        parts.append(link(f"link_{k}", 1, beam, at="0.25 0 0", moment=0.03))
+        parts.append(joint(f"joint_{k}", f"link_{k - 1}", f"link_{k}", (0.5 * (k > 1), 0, 0), *turns, speed=2))
+    write(tmp_path / "arm.urdf", robot(*parts))
     watcher = Watcher()
     file = str(write(tmp_path / "arm.yaml", SCENARIO))
     run, trajectory = driven(prepared(file, simulation__dt=DT), 250, watcher=watcher)

@@ -6,12 +6,8 @@ import yaml
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.verdict import FindingKind
-from urdf_parts import write
+from urdf_parts import joint, link, robot, write
 
-CART = """<robot name="cart"><link name="base"/><link name="slide"><inertial><mass value="1"/>
-<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="x" type="prismatic"><parent link="base"/><child link="slide"/><axis xyz="1 0 0"/>
-<limit lower="-2" upper="2" velocity="9" effort="99"/></joint></robot>"""
 SCENARIO = {
     "robot": {"urdf": "cart.urdf", "base": "fixed"}, "actuators": ["x"], "outputs": {"reducing": [{"joint": "x"}]},
     "reference": {"primary": {"minimum_jerk": {"to": [1.0], "duration": 2}}},
@@ -21,7 +17,8 @@ SCENARIO = {
 
 
 def run_of(folder, changes):
-    (folder / "cart.urdf").write_text(CART)
+    slide = joint("x", "base", "slide", axis="1 0 0", kind="prismatic", effort=99, limits=(-2, 2), speed=9)
+    write(folder / "cart.urdf", robot(link("base"), link("slide"), slide))
     return execute(Scenario.load(str(write(folder / "cart.yaml", yaml.safe_dump(SCENARIO | changes))))).trajectory
 
 

@@ -5,22 +5,15 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.motion.optimal import EffortCost, InputBound, OutputBound, SolverSettings
-
-CART_POLE = """<robot name="cart_pole"><link name="rail"/>
-<link name="cart"><inertial><mass value="1"/>
-<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="slide" type="prismatic"><parent link="rail"/><child link="cart"/><axis xyz="1 0 0"/>
-<limit lower="-10" upper="10" effort="100" velocity="100"/></joint>
-<link name="pole"><inertial><origin xyz="0 0 -0.5"/><mass value="0.3"/>
-<inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="hinge" type="revolute"><parent link="cart"/><child link="pole"/><axis xyz="0 -1 0"/>
-<limit lower="-10" upper="10" effort="0" velocity="100"/></joint></robot>"""
+from urdf_parts import joint, link, read
 
 
 def test_swing_up_of_the_cart_pole_has_the_published_objective(tmp_path):
     """58.8 N^2 s (Kelly, "An introduction to trajectory optimization", SIAM Review 59 (2017))."""
-    (tmp_path / "cart_pole.urdf").write_text(CART_POLE)
-    robot = rnc.Robot.from_urdf(tmp_path / "cart_pole.urdf")
+    parts = [link("rail"), link("cart"), link("pole", 0.3, at="0 0 -0.5", moment=0)]
+    parts += [joint("slide", "rail", "cart", axis="1 0 0", kind="prismatic", effort=100, limits=(-10, 10), speed=100)]
+    parts += [joint("hinge", "cart", "pole", axis="0 -1 0", kind="revolute", effort=0, limits=(-10, 10), speed=100)]
+    robot = read(tmp_path / "cart_pole.urdf", *parts)
     slide, hinge = rnc.JointPosition("slide"), rnc.JointPosition("hinge")
     reduced = rnc.NonholonomicSystem(robot, [], ["slide"]).reduce([slide, hinge])
     plan = rnc.optimal.plan(

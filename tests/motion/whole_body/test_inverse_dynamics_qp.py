@@ -14,6 +14,7 @@ from rnc_pin.motion.whole_body import task_hierarchy
 from rnc_pin.motion.whole_body.limit_stack import ContactCones, LimitStack
 from rnc_pin.verdict import Severity
 from textbook_systems import wheeled_pendulum
+from urdf_parts import joint, link, read
 
 DT, GAIN, RATE = 0.004, 3.0, 2.0
 
@@ -186,13 +187,9 @@ def test_fewer_actuators_than_motions_need_nothing_special(compiled, monkeypatch
 
 def swinging_arm(folder, effort):
     """A link of 1 kg at 1 m from a horizontal axis: gravity takes 9.81 N m at the angle pi / 2 from hanging."""
-    path = folder / f"arm_{effort}.urdf"
-    path.write_text(f"""<robot name="arm"><link name="world"/><link name="arm"><inertial>
-      <origin xyz="0 0 -1"/><mass value="1"/>
-      <inertia ixx="1e-6" iyy="1e-6" izz="1e-6" ixy="0" ixz="0" iyz="0"/></inertial></link>
-      <joint name="swing" type="revolute"><parent link="world"/><child link="arm"/><axis xyz="0 -1 0"/>
-      <limit lower="-3" upper="4.7" velocity="2" effort="{effort}"/></joint></robot>""")
-    return rnc.NonholonomicSystem(rnc.Robot.from_urdf(path), [], ["swing"]).reduce()
+    hinge = {"axis": "0 -1 0", "kind": "revolute", "effort": effort, "limits": (-3, 4.7), "speed": 2}
+    parts = [link("world"), link("arm", at="0 0 -1", moment=1e-6), joint("swing", "world", "arm", **hinge)]
+    return rnc.NonholonomicSystem(read(folder / f"arm_{effort}.urdf", *parts), [], ["swing"]).reduce()
 
 
 @pytest.mark.parametrize(("effort", "deceleration", "kept"), [

@@ -11,29 +11,20 @@ from rnc_pin.motion.whole_body import ControlSample, InverseDynamicsQP, task_hie
 from rnc_pin.motion.whole_body.limit_stack import ProgramBounds
 from rnc_pin.motion.whole_body.task_hierarchy import MotionMetric, SampledDamping, TaskLevels, solve_cascade
 from systems import free_flying_panda, random_states, space_robot, tiago
+from urdf_parts import joint, link, read
 
 LEVER, GAIN, FAR, SLOW, DT = 0.1, 5.0, 3.0, 0.1, 0.025
 """[m], [1/s], [m] of the goal ahead, [m/s] of the cart, [s]"""
 
-INERTIA = '<inertial><mass value="{0}"/><inertia ixx="1" iyy="1" izz="{1}" ixy="0" ixz="0" iyz="0"/></inertial>'
-URDF = f"""<robot name="cart_with_wrist">
-  <link name="world"/>
-  <link name="cart">{INERTIA.format(20, 1)}</link>
-  <link name="hand">{INERTIA.format(0.1, 0.001)}</link>
-  <link name="tip"/>
-  <joint name="slide" type="prismatic"><parent link="world"/><child link="cart"/><axis xyz="1 0 0"/>
-    <limit lower="-9" upper="9" velocity="{SLOW}" effort="500"/></joint>
-  <joint name="wrist" type="revolute"><parent link="cart"/><child link="hand"/><axis xyz="0 0 1"/>
-    <limit lower="-3" upper="3" velocity="9" effort="50"/></joint>
-  <joint name="grip" type="fixed"><parent link="hand"/><child link="tip"/><origin xyz="{LEVER} 0 0"/></joint>
-</robot>"""
-
 
 @pytest.fixture(scope="module")
 def reduced(tmp_path_factory):
-    path = tmp_path_factory.mktemp("cart") / "cart.urdf"
-    path.write_text(URDF)
-    return rnc.NonholonomicSystem(rnc.Robot.from_urdf(path), [], ["slide", "wrist"]).reduce()
+    parts = [link("world"), link("cart", 20), link("hand", 0.1, moment=0.001), '<link name="tip"/>']
+    parts += [joint("slide", "world", "cart", axis="1 0 0", kind="prismatic", effort=500, limits=(-9, 9), speed=SLOW)]
+    parts += [joint("wrist", "cart", "hand", axis="0 0 1", kind="revolute", effort=50, limits=(-3, 3), speed=9)]
+    parts += [joint("grip", "hand", "tip", (LEVER, 0, 0), kind="fixed")]
+    robot = read(tmp_path_factory.mktemp("cart") / "cart.urdf", *parts)
+    return rnc.NonholonomicSystem(robot, [], ["slide", "wrist"]).reduce()
 
 
 REACH = tasks.OutputTask(rnc.FramePosition("tip", "xy"), Hold([FAR, 0.0]), gain=GAIN)

@@ -11,27 +11,16 @@ import rnc_pin as rnc
 from rnc_pin.applications.scenario.builder import build_experiment
 from rnc_pin.applications.scenario.schema.scenario import validate
 from rnc_pin.robots.sources.description import Mimic
-
-LINK = (
-    '<link name="{0}"><inertial><origin xyz="0.2 0 0"/><mass value="1"/>'
-    '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-)
-JOINT = (
-    '<joint name="{0}" type="{3}"><parent link="{1}"/><child link="{2}"/><origin xyz="0.4 0 0"/>'
-    '<axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="9" velocity="9"/>{4}</joint>'
-)
+from urdf_parts import joint, link, read
 
 
 def arm(tmp_path, a="", b="", c="", kind="revolute", **settings):
     """Three hinges in a row, a to c, each with what is given inside its element."""
-    joints = [
-        JOINT.format(name, *links, kind, inside)
-        for name, links, inside in (("a", ("base", "one"), a), ("b", ("one", "two"), b), ("c", ("two", "three"), c))
-    ]
-    links = ['<link name="base"/>', *(LINK.format(name) for name in ("one", "two", "three"))]
-    path = tmp_path / "arm.urdf"
-    path.write_text(f'<robot name="arm">{"".join(links)}{"".join(joints)}</robot>')
-    return rnc.Robot.from_urdf(path, **settings)
+    parts = ['<link name="base"/>', *(link(name, at="0.2 0 0", moment=0.1) for name in ("one", "two", "three"))]
+    for *named, inside in (("a", "base", "one", a), ("b", "one", "two", b), ("c", "two", "three", c)):
+        hinge = joint(*named, (0.4, 0, 0), "0 0 1", kind, limits=(-3, 3))
+        parts.append(hinge.replace("</joint>", f"{inside}</joint>"))
+    return read(tmp_path / "arm.urdf", *parts, **settings)
 
 
 def mimic(of, multiplier=1, offset=0):
@@ -89,9 +78,9 @@ def test_what_is_locked_holds_the_other(tmp_path, lock, multiplier, held, kind):
     robot = arm(tmp_path, b=mimic("a", multiplier, 0.1), kind=kind, lock=lock)
     system = rnc.NonholonomicSystem(robot)
     assert system.m == len(held)
-    for joint, value in held.items():
+    for name, value in held.items():
         assert system.constraints.names == ("coupling(b, a)",)
-        assert positions(system)[joint] == pytest.approx(value, abs=1e-9)
+        assert positions(system)[name] == pytest.approx(value, abs=1e-9)
         assert not system.reduce().at(robot.configuration()).R[robot.velocity_indices(joint)].any()
 
 
