@@ -6,6 +6,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from driven_bases import KINDS, turret
 from rnc_pin.applications.init import DraftOptions
 from rnc_pin.applications.init.evidence import Alternative, named_as_driven
 from rnc_pin.applications.scenario.execution import execute
@@ -141,15 +142,6 @@ def test_options_of_an_alternative_are_choices():
         assert DraftOptions(driven=("a",)).with_choices(choices) == DraftOptions(**{"driven": ("a",), **expected})
 
 
-def turret(beside=0.0):
-    """A body on three casters; a pivot below it carries two driven wheels."""
-    parts = [link("body", 20.0, '<box size="0.5 0.5 0.2"/>', at="0 0 0.2")]
-    for k, angle in enumerate((0.5, 2.6, 4.7)):
-        parts.append(caster(f"c{k}", "body", (0.3 * np.cos(angle), 0.3 * np.sin(angle), 0.05)))
-    parts.append(pivot("turn", "body", (0, 0, 0.1), turns_round=True))
-    return robot(*parts, pair("drive", "turn", -beside, 0.15), transmissions("turn_joint", *DRIVE))
-
-
 def turret_on_balls(carrier):
     """The body or the turret stands on three balls, each with a joint about one axis."""
     parts = [
@@ -194,25 +186,9 @@ def bogies():
 BOGIE_WHEELS = [f"w_{end}{side}_joint" for side in "lr" for end in "mfb"]
 
 
-def swerve(*places):
-    parts = [link("base", 20.0, BOX)]
-    for k, (x, y) in enumerate(places):
-        parts += [pivot(f"turn{k}", "base", (x, y, 0), turns_round=True), wheel(f"w{k}", f"turn{k}", (0, 0, 0))]
-    return robot(*parts, transmissions(*drives_of(len(places))))
-
-
-def two_carts():
-    """Two carts with four steered drives each, on loose pivots under a load."""
-    parts, corners = [link("base", 20.0, BOX)], [(x, y) for x in (0.3, -0.3) for y in (0.2, -0.2)]
-    for cart, at in (("a", 1.0), ("b", -1.0)):
-        parts += [link(cart, 10.0), joint(f"{cart}_joint", "base", cart, (at, 0, 0), "0 0 1", "continuous", 0.0)]
-    for k, (x, y) in enumerate(2 * corners):
-        parts += [pivot(f"turn{k}", "ab"[k // 4], (x, y, 0), turns_round=True), wheel(f"w{k}", f"turn{k}", (0, 0, 0))]
-    return robot(*parts, transmissions(*drives_of(8)))
-
-
-def drives_of(count):
-    return [f"{part}{k}_joint" for part in ("w", "turn") for k in range(count)]
+def steered_drives(base):
+    """Motors of a base whose wheels are all driven and steered."""
+    return [*base.wheels, *(each.pivot for each in base.wheels.values())]
 
 
 def tracks(called):
@@ -273,18 +249,19 @@ DRAWN_SWERVE = robot(
     *(drawn_pair(f"w{k}", "base", x, kind="continuous", limits=None) for k, x in enumerate((0.3, -0.3))),
 )
 PUSHED = {"force": {"frame": "truck", "axis": "x"}}
+CARTS = KINDS["two carts"]
 TURRET = "planar: 5 wheels, driven by a turret with 2 wheels"
 
 
 @pytest.mark.parametrize(("text", "kind", "actuators", "counts"), [
-    (turret(), TURRET, [*DRIVE, "turn_joint"], {"reducing": 3}),
-    (turret(beside=0.1), TURRET, [*DRIVE, "turn_joint"], {"reducing": 2}),  # the body moves in any direction
+    (turret().urdf, TURRET, [*DRIVE, "turn_joint"], {"reducing": 3}),
+    (turret(behind=0.1).urdf, TURRET, [*DRIVE, "turn_joint"], {"reducing": 2}),  # the body moves in any direction
     (turret_on_balls("body"), TURRET, [*DRIVE, "turn_joint"], {"lock": {"b0_joint", "b1_joint", "b2_joint"}}),
     (turret_on_balls("turn"), TURRET, [*DRIVE, "turn_joint"], {"lock": {"b0_joint", "b1_joint", "b2_joint"}}),
     (bogies(), "planar: 6 wheels, steered like a car", {*BOGIE_WHEELS}, {"ackermann": 3}),
-    (swerve((0.3, 0.2), (-0.3, -0.2)), "planar: 2 wheels, 2 of them steered drives", drives_of(2), {}),
-    (swerve((0.0, 0.3), (0.0, -0.3)), "planar: 2 wheels, 2 of them steered drives", drives_of(2), {}),
-    (two_carts(), "planar: 8 wheels, 8 of them steered drives", drives_of(8), {"reducing": 9}),  # 3 + 2 + 8 - 4 rows
+    *((KINDS[name].urdf, "planar: 2 wheels, 2 of them steered drives", steered_drives(KINDS[name]), {})
+      for name in ("two steered drives", "two steered drives side by side")),
+    (CARTS.urdf, "planar: 8 wheels, 8 of them steered drives", steered_drives(CARTS), {"reducing": 9}),  # 3 + 2 + 8 - 4
     (tracks("idler"), "planar: 10 wheels, on tracks, skid-steered", 2, {"joint_coupling": 8}),
     (tracks("w"), "planar: 10 wheels, on tracks, skid-steered", 2, {"joint_coupling": 8}),
     (tracks_on_bogies(), "planar: 8 wheels, on tracks, skid-steered", ["sprocket_l_joint", "sprocket_r_joint"],

@@ -81,7 +81,7 @@ def test_what_is_locked_holds_the_other(tmp_path, lock, multiplier, held, kind):
     for name, value in held.items():
         assert system.constraints.names == ("coupling(b, a)",)
         assert positions(system)[name] == pytest.approx(value, abs=1e-9)
-        assert not system.reduce().at(robot.configuration()).R[robot.velocity_indices(joint)].any()
+        assert not system.reduce().at(robot.configuration()).R[robot.velocity_indices(name)].any()
 
 
 @pytest.mark.parametrize("given", [
