@@ -169,8 +169,11 @@ def test_rows_that_rounding_leaves_are_named_with_the_worst_of_it():
         "robot 'sliders': rows that depend on others except for rounding (3e-06) are dropped: b, d; "
         "check for rounded angles of wheels or loops"
     ]
-    rounding = {row.name: row.rounding for row in system.dropped_rows}
-    assert rounding == pytest.approx({"b": 2e-6, "d": 3e-6}, rel=1e-3)
+    dropped = {row.name: (row.reason, row.rounding) for row in system.dropped_rows}
+    assert dropped == {
+        "b": ("a combination of a except for rounding (2e-06)", pytest.approx(2e-6, rel=1e-3)),
+        "d": ("a combination of c except for rounding (3e-06)", pytest.approx(3e-6, rel=1e-3)),
+    }
     assert system.assembly.names == ()
 
 

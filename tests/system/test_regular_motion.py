@@ -1,7 +1,6 @@
-"""Constraints of constant rank give regular motion, whatever the outputs and the order of the rows."""
+"""Constraints of constant rank give regular motion, whatever the outputs."""
 
 from functools import cache
-from itertools import permutations
 
 import numpy as np
 import pinocchio as pin
@@ -10,9 +9,7 @@ from scipy.integrate import solve_ivp
 
 import rnc_pin as rnc
 from bodies import add_body, add_frame
-from rnc_pin.model.kinematics import Kinematics
-from systems import TRACK, WHEEL, WHEELBASE, ackermann_robot
-from tolerances import KKT, ROUNDING
+from tolerances import ROUNDING
 
 MOTION = 1e-8  # positions and velocities after seconds of free motion, against the reference's own integration
 
@@ -112,49 +109,3 @@ def test_a_measurement_in_dependent_outputs_is_refused():
     for beside in (-1e-3, 1e-3):
         near = np.append(q[:4], FOLDED + beside)
         assert np.isfinite(reduced.at(near, v[[0, 3]]).measure().v).all()
-
-
-# Straight, straight but for so little that rows are nearly dependent, and turning both ways, once very sharply.
-
-
-def car(order):
-    wheels = [rnc.RollingWheel(name, WHEEL) for name in order]
-    steering = rnc.AckermannSteering("left_steer", "right_steer", "bl")
-    return rnc.NonholonomicSystem(ackermann_robot(), [*wheels, steering], ["left_steer", "bl_spin", "br_spin"])
-
-
-def steered(robot, curvature, place=(0.4, -0.3, 0.8)):
-    """Configuration: every axle points to one centre, (0, 1 / curvature); the right joint turns about an axis down."""
-    angles = (sign * np.arctan2(curvature * WHEELBASE, 1 - sign * curvature * TRACK / 2) for sign in (1, -1))
-    return robot.configuration({"root_joint": place, **dict(zip(("left_steer", "right_steer"), angles, strict=True))})
-
-
-def close(actual, expected, tolerance):
-    np.testing.assert_allclose(actual, expected, rtol=0, atol=tolerance * max(1.0, np.abs(expected).max()))
-
-
-@pytest.mark.parametrize("order", list(permutations(["fl", "fr", "bl", "br"]))[::5], ids="-".join)
-def test_a_car_moves_as_all_rows_say_in_every_order(order):
-    """About its turning centre, and accelerated as KKT over all rows demands, one by one and in one call."""
-    system, generator = car(order), np.random.default_rng(3)
-    reduced = system.reduce([rnc.FrameSpeed("base"), rnc.JointPosition("left_steer")])
-    robot, kinematics = system.robot, Kinematics(system.robot)
-    data, states, expected = robot.model.createData(), [], []
-    for curvature in [0.0, 1e-12, -1e-9, 3e-8, 1e-6, -1e-3, 0.2, -0.45, 1.1]:
-        q, v2, T = steered(robot, curvature), generator.uniform(-2, 2, 2), generator.uniform(-20, 20, 3)
-        terms = reduced.terms(q, v2)
-        v = terms.v
-        close(v[:3], [v2[0], 0.0, curvature * v2[0]], KKT)
-        spins = [v[robot.velocity_indices(f"{name}_spin")][0] * WHEEL for name in ("bl", "br")]
-        close(spins, [(1 - side * curvature * TRACK / 2) * v2[0] for side in (1, -1)], KKT)
-        rates = kinematics.position(q).with_velocity(v)
-        A, M = system.rows.jacobian(rates), pin.crba(robot.model, data, q)
-        forces = reduced.lagrangian_terms(q, v2).B @ T - pin.nonLinearEffects(robot.model, data, q, v)
-        kkt = np.block([[M, A.T], [A, np.zeros((len(A), len(A)))]])
-        right = np.concatenate([forces, -system.rows.bias_acceleration(rates)])
-        expected.append(np.linalg.lstsq(kkt, right, rcond=1e-11)[0][: robot.nv])
-        close(terms.R @ reduced.forward_dynamics(q, v2, T) + terms.R_dot @ v2, expected[-1], KKT)
-        states.append((q, v2, T))
-    # One call for straight and turning alike: what is chosen for one state must not be kept for the next.
-    accelerations = np.stack(expected)[:, [0, robot.velocity_indices("left_steer").start]]
-    close(reduced.forward_dynamics(*map(np.stack, zip(*states, strict=True))), accelerations, KKT)
