@@ -5,7 +5,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.analysis import classify
-from textbook_systems import prismatic, sliders_with_rows, turreted, unicycle
+from textbook_systems import prismatic, sliders_with_rows
 
 
 @pytest.mark.parametrize(("A", "redundant", "expected", "tracked", "reason"), [
@@ -76,16 +76,6 @@ def test_how_a5_depends_on_x22_is_its_partial_derivative():
     found = classify(reduced, rnc.Task.of(reduced, ["x21"], ["x22"]), configurations)
     assert found.reason == "1 vertical output moved by 1 redundant one, but A5 depends on x22"
     assert found.evidence.A5_along_x22 == pytest.approx(0.5 * 1.1 * np.abs(np.cos(configurations @ along)).max())
-
-
-@pytest.mark.parametrize(("system", "redundant", "expected", "tracked", "reason"), [
-    # The turret's own heading is tracked by its joint, position by the base alone: A6 = 0, A5 free of x22.
-    (turreted, ["turret"], "2", ("gun_yaw",), "A6 = 0, A4 nonsingular and A5 independent of x22"),
-    (unicycle, [], None, (), "no redundant output"),
-])  # fmt: skip
-def test_classes_of_unicycles(system, redundant, expected, tracked, reason):
-    found = rnc.analyze(system(), redundant=redundant).redundancy
-    assert (found.redundancy_class, found.tracked, found.reason) == (expected, tracked, reason)
 
 
 @pytest.mark.parametrize(("along", "expected"), [

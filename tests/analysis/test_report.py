@@ -17,6 +17,7 @@ def test_lemma_1_holds_in_the_report_and_it_is_json(name):
     report = rnc.analyze(ALL[name](), samples=4)
     assert report.lemma1_holds
     assert report.lemma1["Hdot - V - V^T"] < 1e-8
+    assert report.redundancy.reason == "no redundant output"
     content = json.loads(json.dumps(report.to_dict()))
     assert content["condition"]["min"] <= content["condition"]["median"] <= content["condition"]["max"]
     assert content["actuation_rank"] == content["r"]

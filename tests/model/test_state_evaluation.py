@@ -8,15 +8,13 @@ import pytest
 
 import rnc_pin as rnc
 from bodies import add_body, add_frame
-from rnc_pin.control import PositionTracker, RedundancyController, VelocityGains, VelocityTracker
 from rnc_pin.model.evaluator import Evaluator, evaluator_for
 from rnc_pin.model.generalized_forces import Actuation, PassiveForces
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduction_data import ReductionData, VelocityRows
 from rnc_pin.model.rows import OutputRows, OutputStack, RowStack
 from rnc_pin.model.state_evaluation import StateEvaluation, kinematic_gradient
-from rnc_pin.motion.planning import Hold
-from systems import ALL, mobile_manipulator, random_states, space_robot, spinning_space_robot, tiago, without_outputs
+from systems import ALL, random_states, space_robot, spinning_space_robot, tiago, without_outputs
 from tolerances import KKT, ROUNDING
 
 QUANTITIES = [
@@ -96,28 +94,6 @@ def test_what_is_not_finite_or_has_another_size_is_refused(names, bad):
                 NOT_FINITE[names](reduced, **one)
     with pytest.raises(rnc.InputError, match=r"has shape \(\d+,\), expected \(\.\.\., \d+\)"):
         NOT_FINITE[names](reduced, **{name: good[name][:-1] for name in names.split()})
-
-
-def test_an_integral_that_a_task_needs_is_asked_for():
-    reduced = mobile_manipulator()  # its third output is a speed
-    names = reduced.reducing.names
-    task = rnc.Task.of(reduced, names[1:], names[:1], reduced.vertical.names[:1])
-    ((q, _),) = random_states(reduced, 1)
-    rest = np.zeros(4)
-    seen = reduced.at(q, rest).measure()
-    assert np.isnan(seen.x2[2])
-    assert np.isfinite(seen.x2[[0, 1, 3]]).all()
-    redundant = RedundancyController(task, Hold(np.zeros(3)), Hold(np.zeros(1)), 1.0, 1.0)
-    tracker = PositionTracker(Hold(np.zeros(4)))
-    words = "a feedback gain acts on an output without a value: it is a quasi-velocity"
-    for controller in (tracker, VelocityTracker(redundant, VelocityGains())):
-        with pytest.raises(rnc.InputError, match=words):
-            controller.step(0.0, seen, controller.initial_state(reduced.at(q, rest).measure(rest)))
-        known = reduced.at(q, rest).measure(rest)
-        controller.step(0.0, known, controller.initial_state(known))
-    without = RedundancyController(task, Hold(np.zeros(3)), Hold(np.zeros(1)), 1.0, np.array([1.0, 0.0, 1.0]))
-    target, _ = without.step(0.0, seen, None)
-    assert np.isfinite(target.v2).all()
 
 
 def two_joints():

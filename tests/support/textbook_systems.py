@@ -40,17 +40,6 @@ def unicycle_with_trailers(count):
     return system.reduce([rnc.FrameSpeed("body"), rnc.FrameYaw("body")])
 
 
-def turreted():
-    """A unicycle with a turret, whose heading is tracked by its own joint."""
-    model, joint = planar_model("turreted")
-    add_body(model, "turret", "RZ", 0.5, joint, moments=0.1, frame="gun")
-    system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.NoSideSlip("body")], np.eye(4)[:, [0, 2, 3]])
-    return system.reduce(
-        [rnc.FrameSpeed("body"), rnc.FrameYaw("body"), rnc.JointPosition("turret")],
-        [rnc.FramePosition("body", "xy"), rnc.FrameYaw("gun")],
-    )
-
-
 def prismatic(A5, A5_gradient):
     """Four bodies on four rails, ``x11dot = 0.3 x21dot + x22dot, x12dot = A5(q) x21dot``, q = (x11, x12, x21, x22)."""
     model = pin.Model()

@@ -9,7 +9,6 @@ from scipy.integrate import solve_ivp
 
 import rnc_pin as rnc
 from bodies import add_body, add_frame
-from tolerances import ROUNDING
 
 MOTION = 1e-8  # positions and velocities after seconds of free motion, against the reference's own integration
 
@@ -93,19 +92,3 @@ def test_a_racer_folds_through_dependent_outputs(outputs, w):
     np.testing.assert_allclose(run.q, q, rtol=0, atol=MOTION)
     np.testing.assert_allclose(run.v, v, rtol=0, atol=MOTION)
     np.testing.assert_allclose(run.energy, run.energy[0], rtol=1e-9)
-
-
-def test_a_measurement_in_dependent_outputs_is_refused():
-    """A controller works in the outputs, so for it the fold is singular; it is told which rows meet, and where."""
-    reduced = racer().reduce([rnc.FrameSpeed("rear"), rnc.JointPosition("pivot")])
-    q, v = racer_from_bodies(folded())
-    with pytest.raises(rnc.SingularityError) as refused:
-        reduced.at(q, v[[0, 3]]).measure()
-    error = refused.value
-    np.testing.assert_allclose(error.q, q, atol=ROUNDING)
-    assert error.condition > 1e8
-    # The front axle's row is one of u, pivot rate and side slip there.
-    assert {"rear_speed_x", "pivot", EDGES[1]} <= set(error.rows) <= {"rear_speed_x", "pivot", *EDGES}
-    for beside in (-1e-3, 1e-3):
-        near = np.append(q[:4], FOLDED + beside)
-        assert np.isfinite(reduced.at(near, v[[0, 3]]).measure().v).all()
