@@ -48,7 +48,7 @@ TESTS = (
     "tests/simulation/test_simulate.py", "tests/simulation/test_batch.py",
     "tests/motion/optimal/test_plan_feedback.py", "tests/motion/optimal/test_predictive_control.py",
     "tests/system/test_single_joint.py", "tests/robots/test_robot.py", "tests/system/test_copies.py",
-    "tests/system/test_regular_motion.py", "tests/system/test_wheel_rows.py", "tests/system/test_rounded_rows.py",
+    "tests/system/test_regular_motion.py", "tests/system/test_wheel_rows.py",
     "tests/system/test_uncertain_wheels.py", *DECLARED, "tests/visualization/test_scene_bodies.py",
 )  # fmt: skip
 IN_ANNOTATIONS = "core/ReplaceBinaryOperator_BitOr_"  # nothing evaluates these

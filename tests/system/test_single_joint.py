@@ -103,15 +103,3 @@ def test_a_pendulum_is_back_after_its_period(swing):
     np.testing.assert_allclose(run.x2[[0, 500, 1000], 0], [1.5, -1.5, 1.5], atol=INTEGRATED)
     exact = rnc.free_motion(reduced_of(robot), q, np.zeros(1), period, period / 10)
     np.testing.assert_allclose(exact.q[-1], q, atol=INTEGRATED)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("constraint", [
-    rnc.NoSideSlip("tip", "x"),
-    rnc.LoopClosure("universe", "bob", "frame"),
-    rnc.RollingWheel("bob", 0.1),
-    rnc.MomentumConservation("hinge"),
-], ids=lambda each: type(each).__name__)  # fmt: skip
-def test_a_constraint_on_the_only_joint_leaves_no_motion(kind, constraint):
-    with pytest.raises(rnc.ConstraintError, match="1 independent constraint rows leave no motion of 1 degrees"):
-        rnc.NonholonomicSystem(pendulum(kind, AXES[1], gravity=0.0), [constraint])

@@ -1,7 +1,5 @@
 """Whole-body control from a scenario file: references start at the initial values, limits of the file apply."""
 
-from pathlib import Path
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -56,23 +54,6 @@ def test_the_hand_follows_its_reference_within_the_limits(tmp_path):
     assert np.abs(trajectory.x1[-1] - goals[-1]).max() < 0.01
     assert np.abs(trajectory.v[:, 3:]).max() <= 0.25
     assert trajectory.q[:, 0].max() <= 0.25 + 1e-3
-
-
-def test_limits_of_joints_by_name_and_of_norms_hold_in_a_file(tmp_path):
-    given = {
-        "acceleration": {"limit": {"joint_1": 2.0, "joint_2": 4.0}}, "base_speed": {"frame": "base", "limit": 0.05},
-    }  # fmt: skip
-    reach = yaml.safe_load(SCENARIO)["controller"]["tasks"]
-    path = written(tmp_path, type="inverse_dynamics", tasks=reach, limits=given)
-    raw = yaml.safe_load(Path(path).read_text())
-    raw["controller"] = {key: raw["controller"][key] for key in ("type", "tasks", "limits")}
-    Path(path).write_text(yaml.safe_dump(raw))
-    run = execute(Scenario.load(path, {"simulation.duration": 0.4})).trajectory
-    rates = np.diff(run.v, axis=0) / 0.008
-    assert (np.abs(rates[:, 3:5]).max(axis=0) <= np.array([2.0, 4.0]) * (1 + 1e-4)).all()
-    (vx, vy), (c, s) = run.v[:, :2].T, run.q[:, 2:4].T  # in the base's axes, and its heading
-    base = np.column_stack([c * vx - s * vy, s * vx + c * vy])
-    assert 0.97 * 0.05 < np.linalg.norm(base, axis=1).max() <= 0.05
 
 
 REACHING = {
@@ -138,12 +119,19 @@ def test_every_task_and_limit_is_built(tmp_path):
         {"center_of_mass": {"axes": "xy", "reference": {"minimum_jerk": {"by": [0.1, 0.0], "duration": 1}}}},
         {"damping": {}}, {"singularity": {"gain": 0.1, "priority": 3}},
     ]  # fmt: skip
-    built = Scenario.load(written(tmp_path, tasks=items, limits={"joint_position": None})).experiment.controller
+    limits = {
+        "joint_position": None, "acceleration": {"limit": {"joint_1": 2.0, "joint_2": 4.0}},
+        "base_speed": {"frame": "base", "limit": 0.05},
+    }  # fmt: skip
+    built = Scenario.load(written(tmp_path, tasks=items, limits=limits)).experiment.controller
     described = built.describe()["target"]
     names = [each["type"] for each in described["tasks"]]
     kinds = "Posture", "BasePose", "CenterOfMass", "Damping", "Singularity"
     assert names == [f"{each}Task" for each in kinds]
-    assert [each["type"] for each in described["limits"]] == ["JointVelocityLimit"]
+    kinds = "JointVelocity", "Acceleration", "BaseSpeed"
+    assert [each["type"] for each in described["limits"]] == [f"{each}Limit" for each in kinds]
+    _, by_name, speed = built.target.limits
+    assert (by_name.limit, speed.limit) == ({"joint_1": 2.0, "joint_2": 4.0}, 0.05)
     assert described["tasks"][1]["gain"] == [1, 1, 2]
 
 
