@@ -455,7 +455,10 @@ class _Velocities(NodeBound):
     def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
         if not derivatives:
             return RowValues(self._of(nodes, nodes.velocity[..., None])[..., 0])
-        value, by_q, by_w = (self._of(nodes, each) for each in self._slopes(nodes))
+        # At the last node there is no flow; zero efforts, because only the velocity is read.
+        none = np.zeros((nodes.size, nodes.model.reduced.p))
+        flow = nodes.flow or state_derivatives(nodes.model.reduced, nodes.at.q, nodes.v2, none)
+        value, by_q, by_w = (self._of(nodes, each) for each in (flow.v[..., None], flow.v_q, flow.v_v2))
         if nodes.model.form == "kinematic":
             return RowValues(value[..., 0], by_q, by_w)
         return RowValues(value[..., 0], np.concatenate([by_q, by_w], axis=2))
@@ -463,15 +466,6 @@ class _Velocities(NodeBound):
     def _of(self, nodes: NodeData, v: Array) -> Array:
         """Rows times velocities (n, nv, k)."""
         return v[:, self._v]
-
-    def _slopes(self, nodes: NodeData) -> tuple[Array, Array, Array]:
-        """Velocity (n, nv, 1), and its derivatives by the configuration and by v2."""
-        if nodes.flow is not None:
-            return nodes.flow.v[..., None], nodes.flow.v_q, nodes.flow.v_w
-        reduced = nodes.model.reduced
-        # At the last node there is no flow; zero efforts, because only the velocity is read.
-        found = state_derivatives(reduced, nodes.at.q, nodes.v2, np.zeros((nodes.size, reduced.p)))
-        return found.v[..., None], found.v_q, found.v_v2
 
 
 class _SideSlips(_Velocities):

@@ -18,13 +18,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rnc_pin.analysis.derivatives import StateDerivatives
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import ConfigurationError, InputError, nearest
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import OutputTarget, SelectedOutputs, find_output
-from rnc_pin.motion.planning.action_models import ActionModel, FlowDerivatives, Nodes
+from rnc_pin.motion.planning.action_models import ActionModel, Nodes
 from rnc_pin.references.reference import Reference
 
 Weight = float | Sequence[float] | Mapping[str, float] | Callable[[float], "Weight"]
@@ -77,7 +78,7 @@ class NodeData:
     """
 
     def __init__(
-        self, model: ActionModel, at: Nodes, u: Array | None, time: Array, flow: FlowDerivatives | None = None
+        self, model: ActionModel, at: Nodes, u: Array | None, time: Array, flow: StateDerivatives | None = None
     ) -> None:
         self.model, self.at, self.u, self.time, self.flow = model, at, u, time, flow
         self.size = len(at.q)
@@ -102,7 +103,7 @@ class NodeData:
     def acceleration(self) -> Float[Array, "n nw"]:
         """Reduced accelerations."""
         assert self.u is not None
-        return self.model.flow(self.at, self.u)[1] if self.flow is None else self.flow.a
+        return self.model.flow(self.at, self.u)[1] if self.flow is None else self.flow.v2_dot
 
 
 @dataclass
@@ -145,7 +146,9 @@ def acceleration_rows(nodes: NodeData, derivatives: bool) -> RowValues:
     # The last state has no input, and so no acceleration with derivatives.
     if not derivatives or nodes.flow is None:
         return RowValues(nodes.acceleration)
-    return RowValues(nodes.acceleration, np.concatenate([nodes.flow.a_q, nodes.flow.a_w], axis=2), nodes.flow.a_u)
+    return RowValues(
+        nodes.acceleration, np.concatenate([nodes.flow.v2_dot_q, nodes.flow.v2_dot_v2], axis=2), nodes.flow.v2_dot_T
+    )
 
 
 def displacement_rows(q: Array, nodes: NodeData, derivatives: bool) -> RowValues:

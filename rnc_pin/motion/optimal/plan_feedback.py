@@ -499,7 +499,7 @@ def _stages(model: ActionModel, at: Nodes, u: Array, h: Array, weights: _Numbers
     AB, h, nv, nx = np.concatenate([steps.x, steps.u], axis=2), h[:, None, None], model.nv, model.nx
     if isinstance(weights, tuple):
         return AB, h * np.diag(np.concatenate(weights))
-    H, R, J2 = np.zeros((len(h), nx + model.nu, nx + model.nu)), steps.flow.v_w, model.reduced.at(at.q).J2
+    H, R, J2 = np.zeros((len(h), nx + model.nu, nx + model.nu)), steps.flow.v_v2, model.reduced.at(at.q).J2
     rates = steps.u[:, nv:] / h if model.nw else np.eye(model.nu)
     # J2 dq is the error that inputs move. The part of dq that no v2 moves has a weight too: motion ahead corrects it.
     H[:, :nv, :nv] = weights ** (4 if model.nw else 2) * (J2.mT @ J2 + np.eye(nv) - R @ np.linalg.pinv(R))

@@ -88,18 +88,6 @@ class Nodes(NamedTuple):
     """Reduced velocities; none, (n, 0), in the kinematic form."""
 
 
-class FlowDerivatives(NamedTuple):
-    """Velocity and acceleration at n nodes, with their derivatives by (tangent of q, v2, u)."""
-
-    v: Float[Array, "n nv"]
-    a: Float[Array, "n nw"]
-    v_q: Float[Array, "n nv nv"]
-    v_w: Float[Array, "n nv r"]
-    a_q: Float[Array, "n nw nv"]
-    a_w: Float[Array, "n nw r"]
-    a_u: Float[Array, "n nw nu"]
-
-
 @dataclass(frozen=True)
 class StepDerivatives:
     """Next states of n nodes, with derivatives along the tangent space: x (nv + nw), u, and the step h."""
@@ -108,7 +96,7 @@ class StepDerivatives:
     x: Float[Array, "n nx nx"]
     u: Float[Array, "n nx nu"]
     h: Float[Array, "n nx"]
-    flow: FlowDerivatives
+    flow: StateDerivatives
     """Flow at the start of the steps."""
 
 
@@ -146,15 +134,15 @@ class ActionModel(ABC):
     def flow(self, at: Nodes, u: Array) -> tuple[Array, Array]:
         """Velocity (n, nv) and acceleration (n, nw) at nodes."""
 
-    def flow_derivatives(self, at: Nodes, u: Array) -> FlowDerivatives:
-        """The same with derivatives."""
+    def flow_derivatives(self, at: Nodes, u: Array) -> StateDerivatives:
+        """The same with derivatives; accelerations of the kinematic form mean nothing."""
         # Without efforts: the other forms read the derivatives of velocities alone.
         T = u if self.form == "dynamic" else np.zeros((len(at.q), self.reduced.p))
         return self._flow(state_derivatives(self.reduced, at.q, self.velocity(at, u), T), u)
 
-    @abstractmethod
-    def _flow(self, found: StateDerivatives, u: Array) -> FlowDerivatives:
+    def _flow(self, found: StateDerivatives, u: Array) -> StateDerivatives:
         """Derivatives of the flow from those of the system."""
+        return found
 
     def velocity(self, at: Nodes, u: Array | None) -> Float[Array, "n r"]:
         """Reduced velocities at nodes."""
@@ -208,7 +196,7 @@ class ActionModel(ABC):
         half, whole = h[:, None] / 2, h[:, None]
         first = self.flow_derivatives(at, u)
         shift = half * first.v
-        middle = Nodes(self.manifold.integrate(at.q, shift), at.w + half * first.a)
+        middle = Nodes(self.manifold.integrate(at.q, shift), at.w + half * first.v2_dot[:, : self.nw])
         by_middle = self._displaced_slopes(at.q, shift, half, first, self._slopes(first))
         second = self.flow_derivatives(middle, u)
         by_state = self._slopes(second)
@@ -216,7 +204,7 @@ class ActionModel(ABC):
         slopes[:, :, nx:-1] += by_state[:, :, nx:-1]
         shift = whole * second.v
         out = self._displaced_slopes(at.q, shift, whole, second, slopes, 1.0)
-        after = Nodes(self.manifold.integrate(at.q, shift), at.w + whole * second.a)
+        after = Nodes(self.manifold.integrate(at.q, shift), at.w + whole * second.v2_dot[:, : self.nw])
         return StepDerivatives(after, out[:, :, :nx], out[:, :, nx:-1], out[:, :, -1], first)
 
     def _compiled_derivatives(self, at: Nodes, u: Array, h: Array) -> StepDerivatives | None:
@@ -234,25 +222,26 @@ class ActionModel(ABC):
         states = Nodes(after[:, :nq], after[:, nq:])
         return StepDerivatives(states, out[:, :, :nx], out[:, :, nx:-1], out[:, :, -1], first)
 
-    def _slopes(self, flow: FlowDerivatives) -> Array:
+    def _slopes(self, flow: StateDerivatives) -> Array:
         """Derivatives of velocity and acceleration (n, nx, nx + nu + 1) by state, input and step, which has none."""
         nv, nx = self.nv, self.nx
         out = np.zeros((len(flow.v), nx, nx + self.nu + 1))
         # In the kinematic form these are the columns of the input, in the others of the state: both follow those of q.
         columns = slice(nv, nv + self.r)  # of v2: a state, or the input
-        out[:, :nv, :nv], out[:, :nv, columns] = flow.v_q, flow.v_w
+        out[:, :nv, :nv], out[:, :nv, columns] = flow.v_q, flow.v_v2
         if self.nw:
-            out[:, nv:, :nv], out[:, nv:, columns], out[:, nv:, nx:-1] = flow.a_q, flow.a_w, flow.a_u
+            out[:, nv:, :nv], out[:, nv:, columns] = flow.v2_dot_q, flow.v2_dot_v2
+            out[:, nv:, nx:-1] = flow.v2_dot_T
         return out
 
     def _displaced_slopes(
-        self, q: Array, shift: Array, h: Array, flow: FlowDerivatives, slopes: Array, share: float = 0.5
+        self, q: Array, shift: Array, h: Array, flow: StateDerivatives, slopes: Array, share: float = 0.5
     ) -> Array:
         """Derivatives of a state displaced by h times a flow, from those of the flow; h is a share of the step."""
         nv, nx = self.nv, self.nx
         slopes = h[:, :, None] * slopes
         slopes[:, :nv, -1] += share * flow.v
-        slopes[:, nv:, -1] += share * flow.a
+        slopes[:, nv:, -1] += share * flow.v2_dot[:, : self.nw]
         slopes[:, range(nv, nx), range(nv, nx)] += 1.0
         self.manifold.displace_slopes(q, shift, slopes[:, :nv])
         return slopes
@@ -282,11 +271,6 @@ class KinematicModel(ActionModel):
     def flow(self, at: Nodes, u: Array) -> tuple[Array, Array]:
         return self.reduced.at(at.q, u).v, np.empty((len(at.q), 0))
 
-    def _flow(self, found: StateDerivatives, u: Array) -> FlowDerivatives:
-        n, nv, r = len(u), self.nv, self.r
-        none = np.empty((n, 0, r))
-        return FlowDerivatives(found.v, none[:, :, 0], found.v_q, found.v_v2, np.empty((n, 0, nv)), none, none)
-
 
 class AccelerationModel(ActionModel):
     """State (q, v2), input v2_dot."""
@@ -299,10 +283,10 @@ class AccelerationModel(ActionModel):
     def flow(self, at: Nodes, u: Array) -> tuple[Array, Array]:
         return self.reduced.at(at.q, at.w).v, u
 
-    def _flow(self, found: StateDerivatives, u: Array) -> FlowDerivatives:
-        n, nv, r = len(u), self.nv, self.r
-        eye = np.broadcast_to(np.eye(r), (n, r, r))
-        return FlowDerivatives(found.v, u, found.v_q, found.v_v2, np.zeros((n, r, nv)), np.zeros((n, r, r)), eye)
+    def _flow(self, found: StateDerivatives, u: Array) -> StateDerivatives:
+        n, r, nv = found.v2_dot_q.shape
+        by_u = np.broadcast_to(np.eye(r), (n, r, r))
+        return replace(found, v2_dot=u, v2_dot_q=np.zeros((n, r, nv)), v2_dot_v2=np.zeros((n, r, r)), v2_dot_T=by_u)
 
 
 class DynamicModel(ActionModel):
@@ -317,11 +301,6 @@ class DynamicModel(ActionModel):
     def flow(self, at: Nodes, u: Array) -> tuple[Array, Array]:
         state = self.reduced.at(at.q, at.w)
         return state.v, self.reduced.forward_dynamics(at.q, at.w, u)
-
-    def _flow(self, found: StateDerivatives, u: Array) -> FlowDerivatives:
-        return FlowDerivatives(
-            found.v, found.v2_dot, found.v_q, found.v_v2, found.v2_dot_q, found.v2_dot_v2, found.v2_dot_T
-        )
 
 
 _FORMS: dict[str, type[ActionModel]] = {each.form: each for each in (KinematicModel, AccelerationModel, DynamicModel)}
