@@ -45,34 +45,46 @@ Goal = Mapping[OutputTarget, ArrayLike] | ArrayLike
 """Values by output, or a configuration (nq,)."""
 
 
-class NodeBound(ABC):
+class NodeBound:
     """Bounded rows for one action model.
 
     Attributes:
+        quantity: "input", "velocity", "output", "slip", "distance" or "goal" for limits of these.
         names: names of the rows.
         lower, upper: limits (k,).
+        rows: function of nodes that returns the rows.
         of_state: True if the rows depend on the state only, so that they also hold at the end.
-        quantity: "input", "velocity", "output", "slip", "distance" or "goal" for limits of these; "" for others.
         of_file: True for limits of the robot's file, for distances of its links from each other, and for side slips.
         stated: True for rows with a limit on at least one side, or with an infinite one by name (k,).
         units: unit of each row, (k,); empty if it is not known.
+        remedy: remedy that removes a limit of the robot's file; "" for bounds that are stated.
     """
 
-    quantity = ""
     of_file = False
-    remedy = ""
-    """Remedy that removes a limit of the robot's file; "" for bounds that are stated."""
 
     def __init__(
-        self, names: Sequence[str], lower: Limit, upper: Limit, of_state: bool, units: Sequence[str] | None = None
+        self,
+        quantity: str,
+        names: Sequence[str],
+        limits: tuple[Limit, Limit],
+        rows: NodeFunction,
+        of_state: bool = True,
+        units: Sequence[str] | None = None,
+        remedy: str = "",
     ) -> None:
-        self.names, self.of_state = tuple(names), of_state
+        self.quantity, self.names, self.rows, self.of_state, self.remedy = (
+            quantity,
+            tuple(names),
+            rows,
+            of_state,
+            remedy,
+        )
         self.units = ("",) * len(self.names) if units is None else tuple(units)
         # Infinity by name is a statement too: it takes the place of the limit of the file.
-        self.stated = _stated(lower, self.names) | _stated(upper, self.names)
+        self.stated = _stated(limits[0], self.names) | _stated(limits[1], self.names)
         self.lower, self.upper = (
             row_numbers(missing if given is None else given, self.names, "bound", missing)
-            for given, missing in ((lower, -np.inf), (upper, np.inf))
+            for given, missing in zip(limits, (-np.inf, np.inf), strict=True)
         )
         for name, low, high in zip(self.names, self.lower, self.upper, strict=True):
             if not low <= high:
@@ -83,29 +95,6 @@ class NodeBound(ABC):
         """Names of the rows in messages, such as "velocity of lift_joint"."""
         word = _WORDS.get(self.quantity)
         return self.names if word is None else tuple(f"{word} of {name}" for name in self.names)
-
-    @abstractmethod
-    def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
-        """Rows at nodes."""
-
-
-class BoundRows(NodeBound):
-    """Bounded rows that a function of nodes returns."""
-
-    def __init__(
-        self,
-        quantity: str,
-        names: Sequence[str],
-        limits: tuple[Limit, Limit],
-        rows: NodeFunction,
-        of_state: bool = True,
-        units: Sequence[str] | None = None,
-    ) -> None:
-        super().__init__(names, *limits, of_state, units)
-        self.quantity, self._rows = quantity, rows
-
-    def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
-        return self._rows(nodes, derivatives)
 
 
 class BoundKind(ABC):
@@ -133,7 +122,7 @@ class InputBound(BoundKind):
     upper: Limit = None
 
     def bind(self, model: ActionModel) -> NodeBound:
-        return BoundRows("input", model.input_names, (self.lower, self.upper), input_rows, of_state=False)
+        return NodeBound("input", model.input_names, (self.lower, self.upper), input_rows, of_state=False)
 
 
 @dataclass(frozen=True)
@@ -155,7 +144,7 @@ class VelocityBound(BoundKind):
     def bind(self, model: ActionModel) -> NodeBound:
         names, limits = model.reduced.reducing.names, (self.lower, self.upper)
         # In the kinematic form velocities are inputs, which the last node does not have.
-        return BoundRows("velocity", names, limits, velocity_rows, of_state=model.form != "kinematic")
+        return NodeBound("velocity", names, limits, velocity_rows, of_state=model.form != "kinematic")
 
 
 @dataclass(frozen=True)
@@ -179,7 +168,7 @@ class OutputBound(BoundKind):
     def bind(self, model: ActionModel) -> NodeBound:
         outputs = NodeOutputs(model.reduced, self.output)
         limits = self.lower, self.upper
-        return BoundRows("output", outputs.names, limits, outputs.value_rows, units=outputs.units)
+        return NodeBound("output", outputs.names, limits, outputs.value_rows, units=outputs.units)
 
 
 @dataclass(frozen=True)
@@ -214,15 +203,13 @@ class DistanceBound(BoundKind):
 class DistanceRows(NodeBound):
     """Distances of the nearest pairs at each node."""
 
-    quantity = DISTANCE
-
     def __init__(self, bound: DistanceBound) -> None:
         self.distances, self.clearance = bound.distances, bound.clearance
         horizon = 0.5  # [m], distance beyond the clearance from which pairs have no row
         self._within = bound.clearance + horizon
         self._count = min(bound.pairs, len(bound.distances.pairs))
         names = [f"distance ({'nearest' if k == 0 else f'nearest {k + 1}'})" for k in range(self._count)]
-        super().__init__(names, bound.clearance, None, True, ["m"] * self._count)
+        super().__init__(DISTANCE, names, (bound.clearance, None), self.measured, units=["m"] * self._count)
         self._bound, self.of_file = bound, not bound.distances.obstacles
         # A solver takes values of the nodes and of the end, and derivatives at the same places after that. Distances
         # are the largest part of an iteration, so the last two calls are kept.
@@ -246,7 +233,8 @@ class DistanceRows(NodeBound):
         known = next((found[key] for found in self._recent if key in found), None)
         return self.distances.at(q, t, within=self._within) if known is None else known
 
-    def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
+    def measured(self, nodes: NodeData, derivatives: bool) -> RowValues:
+        """Distances of the nearest pairs, with their derivatives in any case."""
         model = nodes.model
         far = 1e3  # [m], distance of a row without a pair
         # A node with fewer near pairs has rows without effect: all nodes have the same number.
@@ -280,8 +268,6 @@ class GoalRows(NodeBound):
         InputError: a value has the wrong shape or is not finite.
     """
 
-    quantity = GOAL
-
     def __init__(self, model: ActionModel, goal: Goal, at_rest: bool) -> None:
         robot = model.reduced.robot
         self._model = model
@@ -307,7 +293,7 @@ class GoalRows(NodeBound):
         if self._rest:
             names += [f"{name} (rest)" for name in model.reduced.reducing.names]
             units += model.reduced.reducing.units
-        super().__init__([f"goal {name}" for name in names], 0.0, 0.0, True, units)
+        super().__init__(GOAL, [f"goal {name}" for name in names], (0.0, 0.0), self._missed, units=units)
 
     def errors(self, q: Float[Array, " nq"]) -> dict[str, float]:
         """Errors of a configuration by name of the rows [m or rad], in the kinematic form.
@@ -331,7 +317,8 @@ class GoalRows(NodeBound):
         nodes = NodeData(self._model, Nodes(self.configuration[None], np.zeros((1, self._model.nw))), None, np.zeros(1))
         return dict(zip(bound.names, bound.rows(nodes, False).value[0].tolist(), strict=True))
 
-    def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
+    def _missed(self, nodes: NodeData, derivatives: bool) -> RowValues:
+        """Errors of the goal."""
         model = nodes.model
         parts = [outputs.error_rows(target, nodes, derivatives) for outputs, target in self._outputs]
         if self.configuration is not None:
@@ -380,7 +367,7 @@ class FileLimits:
             *(_positions(model, _rows_of("output", stated)) if self.position else ()),
             *(_velocities(model, stated) if self.velocity else ()),
             *(_efforts(model, _rows_of("input", stated)) if self.effort and model.form == "dynamic" else ()),
-            *([_SideSlips(model, aimed)] if (aimed := missing_lateral_rows(model.reduced, steered=True)).size else ()),
+            *_side_slips(model),
         ]
         for bound in found:
             bound.of_file = True
@@ -405,9 +392,9 @@ def _positions(model: ActionModel, replaced: set[str]) -> list[NodeBound]:
         return []
     q, v = [found.q[k] for k in kept], [found.v[k] for k in kept]
     limits = found.lower[kept], found.upper[kept]
-    bound = BoundRows("output", [names[place] for place in v], limits, partial(_position_rows, q, v))
-    bound.remedy = "state a bound for it, or limits=FileLimits(position=False); in files limits: {position: null}"
-    return [bound]
+    remedy = "state a bound for it, or limits=FileLimits(position=False); in files limits: {position: null}"
+    rows = partial(_position_rows, q, v)
+    return [NodeBound("output", [names[place] for place in v], limits, rows, remedy=remedy)]
 
 
 def _velocities(model: ActionModel, stated: Sequence[NodeBound]) -> list[NodeBound]:
@@ -419,8 +406,10 @@ def _velocities(model: ActionModel, stated: Sequence[NodeBound]) -> list[NodeBou
     kept = [k for k, place in enumerate(places) if names[place] not in replaced]
     if not kept:
         return []
-    rows, limits = [places[k] for k in kept], largest[kept]
-    return [_Velocities([names[place] for place in rows], rows, limits, of_state=model.form != "kinematic")]
+    v, limits = [places[k] for k in kept], (-largest[kept], largest[kept])
+    remedy = "state a bound for it, or limits=FileLimits(velocity=False); in files limits: {velocity: null}"
+    rows, of_state = partial(_joint_rates, v), model.form != "kinematic"
+    return [NodeBound("velocity", [names[place] for place in v], limits, rows, of_state, remedy=remedy)]
 
 
 def _efforts(model: ActionModel, replaced: set[str]) -> list[NodeBound]:
@@ -433,6 +422,14 @@ def _efforts(model: ActionModel, replaced: set[str]) -> list[NodeBound]:
     return [InputBound({name: -limit for name, limit in limits.items()}, limits).bind(model)] if limits else []
 
 
+def _side_slips(model: ActionModel) -> list[NodeBound]:
+    """Lateral speeds of steered wheels without a lateral row, which are aimed by this bound."""
+    aimed = missing_lateral_rows(model.reduced, steered=True)
+    # Half of the speed from which the verdict of a run counts a wheel as sliding: the loop adds some of its own.
+    limits, rows = (-SIDE_SLIP / 2, SIDE_SLIP / 2), partial(_slip_rows, aimed)
+    return [NodeBound("slip", aimed.names, limits, rows, model.form != "kinematic")] if aimed.size else []
+
+
 def _position_rows(q: list[int], v: list[int], nodes: NodeData, derivatives: bool) -> RowValues:
     """Positions of joints (k,) by their places in q and in v."""
     found = RowValues(nodes.at.q[:, q])
@@ -442,50 +439,30 @@ def _position_rows(q: list[int], v: list[int], nodes: NodeData, derivatives: boo
     return found
 
 
-class _Velocities(NodeBound):
-    """Velocities of joints, which follow from ``v = R v2 + b``."""
-
-    quantity = "velocity"
-    remedy = "state a bound for it, or limits=FileLimits(velocity=False); in files limits: {velocity: null}"
-
-    def __init__(self, names: Sequence[str], places: Sequence[int], largest: Array, of_state: bool) -> None:
-        self._v = list(places)
-        super().__init__(names, -largest, largest, of_state)
-
-    def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
-        if not derivatives:
-            return RowValues(self._of(nodes, nodes.velocity[..., None])[..., 0])
-        # At the last node there is no flow; zero efforts, because only the velocity is read.
-        none = np.zeros((nodes.size, nodes.model.reduced.p))
-        flow = nodes.flow or state_derivatives(nodes.model.reduced, nodes.at.q, nodes.v2, none)
-        value, by_q, by_w = (self._of(nodes, each) for each in (flow.v[..., None], flow.v_q, flow.v_v2))
-        if nodes.model.form == "kinematic":
-            return RowValues(value[..., 0], by_q, by_w)
-        return RowValues(value[..., 0], np.concatenate([by_q, by_w], axis=2))
-
-    def _of(self, nodes: NodeData, v: Array) -> Array:
-        """Rows times velocities (n, nv, k)."""
-        return v[:, self._v]
+def _joint_rates(places: list[int], nodes: NodeData, derivatives: bool) -> RowValues:
+    """Velocities of joints (k,) by their places in v."""
+    return _linear_rows(np.eye(nodes.model.nv)[places], nodes, derivatives)
 
 
-class _SideSlips(_Velocities):
-    """Lateral speeds of steered wheels without a lateral row, which are aimed by this bound."""
+def _slip_rows(rows: RowStack, nodes: NodeData, derivatives: bool) -> RowValues:
+    """Lateral speeds of wheels."""
+    found, v = _linear_rows(rows.jacobian(nodes.position), nodes, derivatives), nodes.velocity
+    if found.x is not None:
+        # The slip is A(q) v. By q, it changes by the rate of A at a unit velocity along each entry of v, times v.
+        for k, along in enumerate(np.eye(v.shape[1])):
+            turned = nodes.position.with_velocity(np.broadcast_to(along, v.shape))
+            found.x[:, :, k] += np.matvec(rows.jacobian_dot(turned), v)
+    return found
 
-    quantity, remedy = "slip", ""
 
-    def __init__(self, model: ActionModel, rows: RowStack) -> None:
-        self._rows = rows
-        # Half of the speed from which the verdict of a run counts a wheel as sliding: the loop adds some of its own.
-        super().__init__(rows.names, (), np.full(rows.size, SIDE_SLIP / 2), of_state=model.form != "kinematic")
-
-    def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
-        found, v = super().rows(nodes, derivatives), nodes.velocity
-        if found.x is not None:
-            # The slip is A(q) v. By q, it changes by the rate of A at a unit velocity along each entry of v, times v.
-            for k, along in enumerate(np.eye(v.shape[1])):
-                turned = nodes.position.with_velocity(np.broadcast_to(along, v.shape))
-                found.x[:, :, k] += np.matvec(self._rows.jacobian_dot(turned), v)
-        return found
-
-    def _of(self, nodes: NodeData, v: Array) -> Array:
-        return np.asarray(self._rows.jacobian(nodes.position) @ v)
+def _linear_rows(A: Array, nodes: NodeData, derivatives: bool) -> RowValues:
+    """Rows ``A v`` of velocities ``v = R v2 + b``, with derivatives for a constant A."""
+    if not derivatives:
+        return RowValues((A @ nodes.velocity[..., None])[..., 0])
+    # At the last node there is no flow; zero efforts, because only the velocity is read.
+    none = np.zeros((nodes.size, nodes.model.reduced.p))
+    flow = nodes.flow or state_derivatives(nodes.model.reduced, nodes.at.q, nodes.v2, none)
+    value, by_q, by_w = (A @ flow.v[..., None])[..., 0], A @ flow.v_q, A @ flow.v_v2
+    if nodes.model.form == "kinematic":
+        return RowValues(value, by_q, by_w)
+    return RowValues(value, np.concatenate([by_q, by_w], axis=2))

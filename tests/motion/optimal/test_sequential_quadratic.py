@@ -41,7 +41,7 @@ def test_whole_steps_are_linearized_at_once_and_links_that_stay_apart_take_no_pa
     exact = SequentialQuadratic(problem, SolverSettings(cost_tolerance=1e-12)).solve(guess)
     assert (found.outcome, found.cost) == ("solved", pytest.approx(exact.cost, rel=1e-7))
     links = rnc.optimal.DistanceBound(rnc.collision.CollisionDistances(robot))
+    seen = count_calls(monkeypatch, DistanceRows, "measured")
     within = build_problem(model, initial_node(model, start), None, 1.0, costs, [InputBound(-25.0, 25.0), links], 40)
-    seen = count_calls(monkeypatch, DistanceRows, "rows")
     assert LimitSolver(within, SolverSettings()).solve(guess).cost == found.cost
     assert len(seen) == 2  # at the solution: links that stay apart take no part in the iterations
