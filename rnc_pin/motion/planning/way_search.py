@@ -41,7 +41,7 @@ class WaySpace:
         held: names of joints that stay within the range of ``configurations``.
 
     Attributes:
-        space: OMPL's compound space.
+        space: OMPL's compound space; its states have numbers after its ``setup``.
 
     Raises:
         ConfigurationError: the space does not support a joint.
@@ -59,7 +59,8 @@ class WaySpace:
         self._ob, self._model = ob, steering.reduced.robot.model
         self._q0, self._coupled = np.array(configurations[0]), steering.couplings.applied
         self.space = ob.CompoundStateSpace()
-        self._parts: list[tuple[str, int]] = []
+        self._parts: list[tuple[int, int, bool]] = []
+        """First entry of each joint in q, their number, and True if the last two are cosine and sine of an angle."""
         reals: list[tuple[int, float, float]] = []
         for index, joint in enumerate(self._model.joints):
             # Other joints are not sampled: they follow, or are aimed at each motion.
@@ -70,16 +71,16 @@ class WaySpace:
                 # RRT's neighbours of a car are those that it reaches by short paths, not those beside it.
                 plane = ob.ReedsSheppStateSpace(steering.radius) if steering.radius else ob.SE2StateSpace()
                 self._bound(plane, area[:, :2])
-                self._add("planar", entry, plane, 1.0)
+                self._add(plane, 1.0, (entry, 4, True))
             elif kind == "JointModelFreeFlyer":
                 body = ob.SE3StateSpace()
                 self._bound(body, area)
-                self._add("free", entry, body, 1.0)
+                self._add(body, 1.0, (entry, 7, False))
             elif kind == "JointModelSpherical":
-                self._add("ball", entry, ob.SO3StateSpace(), _REACH)
+                self._add(ob.SO3StateSpace(), _REACH, (entry, 4, False))
             # An angle without an end: the shorter way round counts.
             elif joint.nq == 2 and joint.nv == 1:
-                self._add("circle", entry, ob.SO2StateSpace(), _REACH)
+                self._add(ob.SO2StateSpace(), _REACH, (entry, 2, True))
             elif joint.nq == joint.nv:
                 tight = self._model.names[index] in held
                 reals += [(entry + k, *self._range(entry + k, configurations, kind, tight)) for k in range(joint.nq)]
@@ -87,15 +88,14 @@ class WaySpace:
                 raise ConfigurationError(
                     f"ways: joint '{self._model.names[index]}' is a {kind}, which ways do not support"
                 )
-        self._entries = [entry for entry, _, _ in reals]
         if reals:
             joints = ob.RealVectorStateSpace(len(reals))
             self._bound(joints, np.array(reals)[:, 1:].T)
-            self._add("reals", 0, joints, _REACH)
+            self._add(joints, _REACH, *((entry, 1, False) for entry, _, _ in reals))
 
-    def _add(self, kind: str, entry: int, space: ob.StateSpace, weight: float) -> None:
+    def _add(self, space: ob.StateSpace, weight: float, *parts: tuple[int, int, bool]) -> None:
         self.space.addSubspace(space, weight)
-        self._parts.append((kind, entry))
+        self._parts += parts
 
     def _bound(self, space: ob.StateSpace, area: Array) -> None:
         bounds = self._ob.RealVectorBounds(area.shape[1])
@@ -123,40 +123,19 @@ class WaySpace:
 
     def write(self, state: ob.State, q: Float[Array, " nq"]) -> None:
         """Set a state to a configuration."""
-        for k, (kind, entry) in enumerate(self._parts):
-            own = state[k]
-            if kind == "reals":
-                own[0 : len(self._entries)] = q[self._entries].tolist()
-            elif kind == "circle":
-                own.value = float(np.arctan2(q[entry + 1], q[entry]))
-            elif kind == "planar":
-                own.setXY(float(q[entry]), float(q[entry + 1]))
-                own.setYaw(float(np.arctan2(q[entry + 3], q[entry + 2])))
-            else:
-                turn = own
-                if kind == "free":
-                    own.setXYZ(*q[entry : entry + 3].tolist())
-                    turn, entry = own.rotation(), entry + 3
-                turn.x, turn.y, turn.z, turn.w = q[entry : entry + 4].tolist()
+        values: list[float] = []
+        for entry, size, turns in self._parts:
+            own = q[entry : entry + size].tolist()
+            values += [*own[:-2], float(np.arctan2(own[-1], own[-2]))] if turns else own
+        self.space.copyFromReals(state, values)
 
     def read(self, state: ob.State) -> Float[Array, " nq"]:
         """Configuration of a state; joints that follow are as at the start."""
-        q = self._q0.copy()
-        for k, (kind, entry) in enumerate(self._parts):
-            own = state[k]
-            if kind == "reals":
-                q[self._entries] = own[0 : len(self._entries)]
-            elif kind == "circle":
-                q[entry : entry + 2] = np.cos(own.value), np.sin(own.value)
-            elif kind == "planar":
-                yaw = own.getYaw()
-                q[entry : entry + 4] = own.getX(), own.getY(), np.cos(yaw), np.sin(yaw)
-            else:
-                turn = own
-                if kind == "free":
-                    q[entry : entry + 3] = own.getX(), own.getY(), own.getZ()
-                    turn, entry = own.rotation(), entry + 3
-                q[entry : entry + 4] = turn.x, turn.y, turn.z, turn.w
+        q, value, k = self._q0.copy(), self.space.getValueAddressAtIndex, 0
+        for entry, size, turns in self._parts:
+            own = [value(state, k + place) for place in range(size - turns)]  # numbers, in spite of the name
+            q[entry : entry + size] = [*own[:-1], np.cos(own[-1]), np.sin(own[-1])] if turns else own
+            k += len(own)
         return self._coupled(pin.normalize(self._model, q))
 
 
