@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.collision import CollisionDistances
 from rnc_pin.errors import ConfigurationError, InputError, SingularityError
+from rnc_pin.math.convex_programs import nearest_point
 from rnc_pin.model.input_validation import ConfigurationValidator, check_settings, is_number
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics
 from rnc_pin.model.reduced_model import ReducedModel
@@ -334,7 +335,6 @@ _STATIONARY = 1e-10  # largest gradient of a minimum, and largest motion to a bo
 _DAMPING, _LEAST, _MOST = 0.5, 1e-10, 1e6  # damping over the square of the error, and its limits
 _STALLS = 8  # number of stalled steps that end a descent
 _DEPENDENT = 1e-9
-_AT_LIMIT = 1e-9
 
 
 class Residuals(NamedTuple):
@@ -406,8 +406,7 @@ def descend(
 
     The damping starts as that of Sugihara ("Solvability-unconcerned inverse kinematics by the Levenberg-Marquardt
     method", 2011): proportional to ``|e|^2``. So convergence is quadratic for reachable targets. Its factor grows after
-    failed steps and shrinks after others. A step that meets bounds is solved again with these entries at their bounds;
-    an entry that the gradient pulls back inside is free again.
+    failed steps and shrinks after others. Each step is the nearest point within the bounds, by DAQP.
 
     Args:
         evaluate: linearized problem at a configuration.
@@ -450,58 +449,17 @@ def _merit(at: Residuals) -> float:
 
 
 def _step(at: Residuals, damping: float, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the step (nv,) within the room, and the largest gradient along free directions or motion to a bound.
-
-    Entries beyond their room stay at its end. One that the gradient pulls back inside is free again, in turn.
-    """
-    dq = np.zeros(len(low))
-    movable = (high - low) > _AT_LIMIT
-    free, released = movable, 0
-    while True:
-        fixed = ~free
-        wanted = at.e - at.J[:, fixed] @ dq[fixed]
-        found, gradient = _free_step(at.J[:, free], wanted, at.H[:, free], -at.h - at.H[:, fixed] @ dq[fixed], damping)
-        dq[free] = found
-        beyond = free & ((dq < low) | (dq > high))
-        if beyond.any():
-            # All of them at once: fewer solutions than one after the other, and a wrong one is released below.
-            dq[beyond] = np.clip(dq[beyond], low[beyond], high[beyond])
-            free = free & ~beyond
-            continue
-        slope = _slope(at, damping, dq, free)
-        inward = np.where(dq > low, -slope, slope)
-        inward[free | ~movable] = 0.0
-        # As many releases as there are entries: dependent entries could take turns without end.
-        if released == len(low) or inward.max(initial=0.0) <= _STATIONARY:
-            return dq, max(gradient, np.abs(dq[fixed]).max(initial=0.0))
-        released += 1
-        free = free | (np.arange(len(low)) == np.argmax(inward))
-
-
-def _slope(at: Residuals, damping: float, dq: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Return the descent direction (nv,) of the damped problem at a step, without what the equalities take."""
-    slope = at.J.T @ (at.e - at.J @ dq) - damping * dq
-    if len(at.H):
-        slope = slope - at.H.T @ np.linalg.lstsq(at.H[:, free].T, slope[free], rcond=_DEPENDENT)[0]
-    return np.asarray(slope)
-
-
-def _free_step(J: np.ndarray, e: np.ndarray, H: np.ndarray, h: np.ndarray, damping: float) -> tuple[np.ndarray, float]:
-    """Minimize ``|J x - e|^2 + damping |x|^2`` subject to ``H x = h``; return x and the largest projected gradient."""
-    n = J.shape[1]
-    if not n:
-        return np.zeros(0), 0.0
-    if not len(H):  # most robots have no loops, and need no decomposition
-        g = J.T @ e
-        return np.linalg.solve(J.T @ J + damping * np.eye(n), g), float(np.abs(g).max())
-    # By singular values: rows of a loop lose rank at dead centres, and the step along the others is still wanted.
-    left, values, right = np.linalg.svd(H)
-    rank = int((values > _DEPENDENT * max(values[0], 1e-300)).sum())
-    first = right[:rank].T @ ((left[:, :rank].T @ h) / values[:rank])
-    basis = right[rank:].T
-    if not basis.shape[1]:
-        return first, 0.0
-    reduced = J @ basis
-    g = reduced.T @ (e - J @ first)
-    y = np.linalg.solve(reduced.T @ reduced + damping * np.eye(basis.shape[1]), g)
-    return first + basis @ y, float(np.abs(g).max())
+    """Return the step (nv,) within the room that minimizes the damped errors, and their largest gradient along it."""
+    first, basis = np.zeros(len(low)), np.eye(len(low))
+    if len(at.H):  # most robots have no loops, and need no decomposition
+        # By singular values: rows of a loop lose rank at dead centres, and the step along the others is still wanted.
+        left, values, right = np.linalg.svd(at.H)
+        rank = int((values > _DEPENDENT * max(values[0], 1e-300)).sum())
+        first, basis = -right[:rank].T @ ((left[:, :rank].T @ at.h) / values[:rank]), right[rank:].T
+    J = at.J @ basis
+    root = np.linalg.cholesky(J.T @ J + damping * np.eye(J.shape[1]))
+    rows, wanted = np.linalg.solve(root, basis.T).T, np.linalg.solve(root, J.T @ (at.e - at.J @ first))
+    found = nearest_point(wanted, rows, low - first, high - first)
+    # Equalities that lead beyond the bounds: as far as the bounds let each entry go.
+    y = wanted if found is None else found.point
+    return np.clip(first + rows @ y, low, high), float(np.abs(root @ y).max(initial=0.0))
