@@ -27,10 +27,10 @@ from .privileged_coordinates import PrivilegedCoordinates as PrivilegedCoordinat
 from .privileged_coordinates import privileged_coordinates as privileged_coordinates
 from .redundancy_class import Evidence as Evidence
 from .redundancy_class import Redundancy as Redundancy
+from .redundancy_class import Singularity as Singularity
 from .redundancy_class import classify as classify
 from .report import Integrability as Integrability
 from .report import Report as Report
 from .report import analyze as analyze
 from .report import integrability as integrability
-from .singularities import Singularity as Singularity
-from .singularities import lemma_1_residuals as lemma_1_residuals
+from .report import lemma_1_residuals as lemma_1_residuals

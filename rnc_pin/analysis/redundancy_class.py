@@ -1,17 +1,27 @@
-"""Redundancy class of a task: paper (11) and its subclasses, decided on sampled configurations."""
+"""Redundancy class of a task: paper (11) and its subclasses, decided on sampled configurations; and singular ones.
+
+Random samples almost never meet a singular configuration. But between two samples whose determinants have opposite
+signs, the determinant is zero somewhere. Bisection between the two samples finds such a point.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
+import pinocchio as pin
+import scipy
 
+from rnc_pin.errors import ConstraintError, SingularityError
 from rnc_pin.io.json import Json, to_json_mapping
+from rnc_pin.math.linear_algebra import weakest_rows
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation, kinematic_gradient
 from rnc_pin.model.task import Task
 from rnc_pin.printing import printed
+from rnc_pin.robots.robot import Robot
 
 
 @printed()
@@ -204,3 +214,151 @@ def has_full_row_rank(matrices: np.ndarray) -> bool:
     # A few samples may lie near a singular surface: nine of ten decide.
     good = values[:, -1] > 1e-6 * np.maximum(values[:, 0], 1e-12)
     return bool(good.mean() > 0.9)
+
+
+# ------------------------------------------------------------------ singular configurations of E and of A4
+
+MatrixOf = Callable[[np.ndarray], np.ndarray]
+SignOf = Callable[[np.ndarray], float]
+Support = frozenset[int] | None  # rows with a weight in the dependence; None for a sample beside a surface
+
+
+@printed(configuration="rad or m")
+@dataclass(frozen=True)
+class Singularity:
+    """Configuration at which a matrix is singular, or the worst sample.
+
+    Attributes:
+        matrix: "E" or "A4".
+        rows: names of the rows that are linearly dependent at this configuration.
+        smallest_singular_value: of E with unit rows, or of A4 without scaling.
+        located: True for a point on a singular surface, found by bisection; False for the worst sample.
+        configuration: joint values in the form of ``Robot.configuration``.
+    """
+
+    matrix: str
+    rows: tuple[str, ...]
+    smallest_singular_value: float
+    located: bool
+    configuration: dict[str, float | list[float]]
+
+
+def stack_singularities(reduced: ReducedModel, configurations: np.ndarray) -> list[Singularity]:
+    """Singularities of ``E = [A; J2]``, for configurations (count, nq): the outputs do not parametrise the motion.
+
+    Args:
+        reduced: the model.
+        configurations: regular configurations.
+    """
+    names = (*reduced.constraints.names, *reduced.reducing.names)
+    sign, matrix = (lambda q: _sign(reduced.at(q).scaled_stack)), (lambda q: reduced.at(q).scaled_stack)
+    return _search("E", matrix, sign, names, reduced, configurations)
+
+
+def task_singularities(
+    reduced: ReducedModel, task: Task, tracked: Sequence[str], configurations: np.ndarray
+) -> list[Singularity]:
+    """Singularities of A4, rows of the vertical outputs ``tracked``: the redundant outputs cannot steer them.
+
+    Args:
+        reduced: the model.
+        task: partition of the outputs.
+        tracked: vertical outputs that redundant ones steer.
+        configurations: regular configurations (count, nq).
+    """
+    rows = np.array([reduced.vertical.names.index(name) for name in tracked])
+    block = np.ix_(rows, task.redundant)
+
+    def matrix(q: np.ndarray) -> np.ndarray:
+        return reduced.at(q).A_star[block]
+
+    def sign(q: np.ndarray) -> float:
+        # det E det A4 is the determinant of E with the rows of x11 instead of x22. Unlike det A4 it has no pole
+        # at singular E, so it changes its sign at zeros only.
+        return _sign(matrix(q)) * _sign(reduced.at(q).E)
+
+    square = len(rows) == len(task.redundant)
+    return _search("A4", matrix, sign if square else lambda q: 1.0, tracked, reduced, configurations)
+
+
+def _sign(matrix: np.ndarray) -> float:
+    # The sign alone: a determinant of many rows may overflow.
+    return float(np.linalg.slogdet(matrix)[0])
+
+
+def _search(
+    what: str, matrix: MatrixOf, sign: SignOf, names: Sequence[str], reduced: ReducedModel, configurations: np.ndarray
+) -> list[Singularity]:
+    """Points on singular surfaces; the worst samples if no point was found."""
+    samples: list[tuple[np.ndarray, np.ndarray]] = []
+    for q in configurations:
+        try:
+            samples.append((q, matrix(q)))
+        except SingularityError:  # an output is undefined at this sample
+            continue
+    if not samples:
+        return []
+    scale = float(np.median([np.linalg.norm(each, 2) for _, each in samples]))
+
+    present = 1e-6  # weight, relative to the largest, below which the structure of a singular surface makes it zero
+
+    def found(q: np.ndarray, value: np.ndarray, located: bool) -> tuple[Singularity, Support]:
+        left, values, _ = np.linalg.svd(value)
+        weights = np.abs(left[:, len(values) - 1])
+        rows = weakest_rows(value, names)
+        support = frozenset(np.flatnonzero(weights > present * weights.max()).tolist()) if located else None
+        return Singularity(what, rows, float(values[-1]), located, reduced.robot.joint_values(q)), support
+
+    points: list[tuple[Singularity, Support]] = []
+    vanishes = 1e-7  # smallest singular value, with unit rows, that counts as zero
+    for low, high in _pairs([q for q, _ in samples], sign, reduced.robot):
+        try:
+            q = _between(sign, reduced, low, high)
+            point = found(q, matrix(q), True)
+        except (SingularityError, ConstraintError):  # the path meets an undefined matrix, or a loop opens
+            continue
+        if point[0].smallest_singular_value < vanishes * scale:
+            points.append(point)
+    if points:
+        return _apart(points)
+    most = 3  # samples that are shown
+    worst = sorted(samples, key=lambda sample: float(np.linalg.svd(sample[1], compute_uv=False)[-1]))[:most]
+    return _apart([found(q, value, False) for q, value in worst])
+
+
+def _apart(points: Sequence[tuple[Singularity, Support]]) -> list[Singularity]:
+    """One point of each dependence: the one with most rows, which shows it best.
+
+    Points on one surface have the same support. Two surfaces can share rows, such as a straight arm and a platform
+    that faces sideways. Of samples beside a surface, all that share a row count as one.
+    """
+    kept: list[tuple[Singularity, Support]] = []
+    for point, support in sorted(points, key=lambda each: (-len(each[0].rows), each[0].smallest_singular_value)):
+        same = (set(point.rows) & set(other.rows) if support is None else support == of for other, of in kept)
+        if not any(same):
+            kept.append((point, support))
+    return [point for point, _ in kept]
+
+
+def _pairs(samples: Sequence[np.ndarray], sign: SignOf, robot: Robot) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Pairs of neighbouring samples whose determinants differ in sign."""
+    signs = np.array([sign(q) for q in samples])
+    positive = [q for q, each in zip(samples, signs, strict=True) if each > 0]
+    negative = [q for q, each in zip(samples, signs, strict=True) if each < 0]
+    # The rarer sign limits the number of pairs; for each, the nearest partner gives the shortest path.
+    few, many = sorted((positive, negative), key=len)
+    if not few:
+        return []
+    most_pairs = 8  # each costs about fifty evaluations of the bisection
+    distances = [[pin.distance(robot.model, q, p) for p in many] for q in few[:most_pairs]]
+    return [(q, many[int(np.argmin(row))]) for q, row in zip(few, distances, strict=False)]
+
+
+def _between(sign: SignOf, reduced: ReducedModel, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Zero of the determinant on the path from low to high; every point satisfies the holonomic rows."""
+
+    def way(share: float) -> np.ndarray:
+        return reduced.assembly.project(pin.interpolate(reduced.robot.model, low, high, share))
+
+    close = 1e-15  # of a path between samples: the last bit of a share
+    return way(scipy.optimize.bisect(lambda share: sign(way(share)), 0.0, 1.0, xtol=close))

@@ -1,4 +1,4 @@
-"""Analysis report of a reduced system before control, and the integrability of its constraint rows.
+"""Analysis report of a reduced system before control: integrability of its constraint rows, Lemma 1, redundancy.
 
 By Frobenius' theorem, motion stays on leaves whose tangent space is the involutive closure of span(R). A row that
 vanishes on the closure, not only on span(R), is the differential of a function up to a factor, given the other rows.
@@ -14,10 +14,10 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from rnc_pin.analysis.growth import GrowthEvidence, generic_growth, regular_samples
-from rnc_pin.analysis.redundancy_class import Redundancy, classify
-from rnc_pin.analysis.singularities import Singularity, lemma_1_residuals, stack_singularities, task_singularities
+from rnc_pin.analysis.redundancy_class import Redundancy, Singularity, classify, stack_singularities, task_singularities
 from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.math.linear_algebra import unit_rows
+from rnc_pin.model.coordinates import ConfigurationManifold
 from rnc_pin.model.independence import DroppedRow
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
@@ -267,3 +267,53 @@ def _actuation(reduced: ReducedModel, configurations: np.ndarray) -> tuple[int, 
     missing = np.linalg.norm(left[worst][:, rank:], axis=1)
     missing_part = 1e-6  # of a unit force: less is rounding
     return rank, tuple(name for name, part in zip(reduced.reducing.names, missing, strict=True) if part > missing_part)
+
+
+# ------------------------------------------------------------------ Lemma 1
+
+
+def lemma_1_residuals(
+    reduced: ReducedModel, configurations: np.ndarray, seed: int = 0, step: float = 5e-4
+) -> dict[str, float]:
+    """Worst residuals at configurations (count, nq) with seeded random velocities.
+
+    The residuals are: ``A R`` with unit rows and columns; ``H - H^T`` and ``Hdot - V - V^T`` relative to their size,
+    with Hdot by fourth-order differences of this step; the smallest eigenvalue of H relative to its largest; and
+    ``V(2 v2) - 2 V(v2)``.
+
+    Args:
+        reduced: the model.
+        configurations: regular configurations.
+        seed: of the velocities.
+        step: step of the differences along the direction of the velocity [rad or m]. Truncation and rounding are equal
+            near the default.
+    """
+    count = len(configurations)
+    v2 = np.random.default_rng(seed).uniform(-1, 1, (count, reduced.r))
+    terms = reduced.terms(configurations, v2)
+    speeds = np.linalg.norm(terms.v, axis=-1, keepdims=True)
+    directions = terms.v / speeds
+    space = ConfigurationManifold(reduced.robot.model)
+    # Along unit velocities: fast states would otherwise take a larger step.
+    moved = (space.integrate(configurations, k * step * directions) for k in (-2, -1, 1, 2))
+    far_behind, behind, ahead, far_ahead = (reduced.at(q).H for q in moved)
+    H_dot = (far_behind - 8 * behind + 8 * ahead - far_ahead) / (12 * step) * speeds[..., None]
+    V = terms.V
+    # With affine constraints V is affine in v2 instead of linear.
+    resting = reduced.terms(configurations, 0 * v2).V
+    doubled = reduced.terms(configurations, 2 * v2).V
+    eigenvalues = np.linalg.eigvalsh(terms.H)
+    # Residuals are relative to both terms of the identity, so that fast or heavy systems are judged alike.
+    size = np.abs(terms.H).max(axis=(1, 2)) * speeds[:, 0] + np.abs(V).max(axis=(1, 2))
+    columns = terms.R / np.linalg.norm(terms.R, axis=-2, keepdims=True)
+    return {
+        "A R": _worst(np.abs(unit_rows(terms.A) @ columns)),
+        "H - H^T": _worst(np.abs(terms.H - terms.H.mT).max(axis=(1, 2)) / np.abs(terms.H).max(axis=(1, 2))),
+        "Hdot - V - V^T": _worst(np.abs(H_dot - V - V.mT).max(axis=(1, 2)) / size),
+        "V linear": _worst(np.abs(doubled - 2 * V + resting).max(axis=(1, 2)) / size),
+        "smallest eigenvalue of H": float((eigenvalues[:, 0] / eigenvalues[:, -1]).min()),
+    }
+
+
+def _worst(array: np.ndarray) -> float:
+    return float(array.max(initial=0.0))

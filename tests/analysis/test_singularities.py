@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.analysis.singularities import stack_singularities, task_singularities
+from rnc_pin.analysis.redundancy_class import stack_singularities, task_singularities
 from systems import four_bar
 from textbook_systems import rail_sliders
 
