@@ -17,9 +17,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rnc_pin.errors import InputError, nearest
-from rnc_pin.figures.ground_path import MIN_HALF_SIZE, GroundPath, GroundPaths, draw_paths
 from rnc_pin.figures.panel import AXIS_NAMES, INTEGRAL_NAMES, MAX_LINES, Labels, Panel, Series, Sheet, Size, split_names
-from rnc_pin.figures.panel_figure import PlaneView, panel_figure
+from rnc_pin.figures.panel_figure import MIN_HALF_SIZE, GroundPath, GroundPaths, PlaneView, draw_paths, panel_figure
 from rnc_pin.figures.style import LegendEntry
 from rnc_pin.simulation.run_data import PLOTTED_QUANTITIES, TOP_VIEW, RunData, tracking_errors
 
