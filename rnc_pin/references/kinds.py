@@ -9,7 +9,7 @@ from abc import ABC, abstractmethod
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import comb, perm
+from math import comb
 from pathlib import Path
 from types import MappingProxyType
 
@@ -69,9 +69,8 @@ class PiecewisePolynomial(ReferenceSummary):
         self.size = coefficients.shape[2]
         together = np.zeros((coefficients.shape[1], len(coefficients), 4, self.size))
         for order in range(4):
-            lowest_first = coefficients[::-1]
-            derivative = np.moveaxis(_derivative(lowest_first, order), 0, 1)
-            together[:, : derivative.shape[1], order] = derivative
+            derivative = np.polynomial.polynomial.polyder(coefficients[::-1], order)
+            together[:, : len(derivative), order] = np.moveaxis(derivative, 0, 1)
         self._pieces = list(together.reshape(*together.shape[:2], -1))
         self._breaks = breaks.tolist()
         self._begin, self.duration = begin, end
@@ -94,23 +93,6 @@ class PiecewisePolynomial(ReferenceSummary):
         for _ in range(len(terms) - 1):
             powers.append(powers[-1] * since)
         return np.array(powers).dot(terms).reshape(4, self.size)
-
-
-def _derivative(coefficients: np.ndarray, order: int) -> np.ndarray:
-    """Coefficients of a derivative, lowest power first (degree + 1, ...)."""
-    factors = [float(perm(power, order)) for power in range(order, len(coefficients))]
-    return coefficients[order:] * np.array(factors).reshape(-1, *[1] * (coefficients.ndim - 1))
-
-
-def _quintic(start: np.ndarray, goal: np.ndarray, duration: np.ndarray) -> np.ndarray:
-    """Coefficients (6, k) of the quintic from rest to rest in a time (1,), highest power first."""
-    coefficients = np.zeros((6, start.size))
-    # Three equal control points at an end: velocity and acceleration vanish there.
-    for a, control in enumerate([start] * 3 + [goal] * 3):  # control points of the Bernstein basis
-        factor = (-1) ** a * comb(5, a) * control
-        for power in range(a, 6):
-            coefficients[5 - power] += factor * (comb(5 - a, power - a) * (-1) ** power) / duration**power
-    return coefficients
 
 
 class MinimumJerk(PiecewisePolynomial):
@@ -136,7 +118,11 @@ class MinimumJerk(PiecewisePolynomial):
         if not (is_number(duration) and duration > 0):
             raise InputError(f"duration of a minimum-jerk reference has to be positive, found {duration!r}")
         breaks = np.array([begin, begin + duration])
-        super().__init__(_quintic(ends[0], ends[1], np.diff(breaks))[:, None], breaks, begin, begin + duration)
+        # 6 s^5 - 15 s^4 + 10 s^3 goes from 0 to 1, and its velocity and acceleration vanish at both ends.
+        powers = np.array([6.0, -15.0, 10.0, 0.0, 0.0, 0.0]) / np.diff(breaks) ** np.arange(5.0, -1.0, -1.0)
+        coefficients = np.multiply.outer(powers, ends[1] - ends[0])
+        coefficients[-1] = ends[0]
+        super().__init__(coefficients[:, None], breaks, begin, begin + duration)
 
 
 class ViaPoints(PiecewisePolynomial):
