@@ -6,8 +6,9 @@ Top views show bodies that move on the ground: those with wheels, runners or bal
 from __future__ import annotations
 
 import platform
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -249,7 +250,7 @@ def _contact_quantities(
 ) -> dict[str, Array]:
     """Forces of the rows and contacts of a plant, in the columns of the run; zero or NaN for rows that it has not."""
     # Contact forces do not depend on the choice of outputs, nor on their singularities.
-    moved = own.in_reduction(_free_evaluator(plant, tuple(best_entries(own.A[0], plant.r))))
+    moved = own.in_reduction(_free_evaluators(plant)(tuple(best_entries(own.A[0], plant.r))))
     missing, pushing = 0.0 if forces.switching else np.nan, np.zeros((len(T), 0))
     if forces.normal_forces:
         normal = forces.normal[plant]
@@ -263,21 +264,16 @@ def _contact_quantities(
 
 
 @once_per_model
-def _free_evaluators(reduced: ReducedModel) -> dict[tuple[int, ...], Evaluator]:
-    """Evaluators in the reductions to entries of v that were needed last."""
-    return {}
+def _free_evaluators(reduced: ReducedModel) -> Callable[[tuple[int, ...]], Evaluator]:
+    """Function that returns the evaluator for entries of v; others are selected where these are dependent."""
+    data, known = reduced.reduction_data, reduced.evaluator
 
+    # Kept for the next runs. Contacts that switch ask for many, and memory has to stay bounded.
+    @lru_cache(_MOST_REDUCTIONS)
+    def evaluator(entries: tuple[int, ...]) -> Evaluator:
+        return evaluator_for(data.in_entries(entries, free=True), known)
 
-def _free_evaluator(reduced: ReducedModel, entries: tuple[int, ...]) -> Evaluator:
-    """Evaluator for entries of v, kept for the next runs; others are selected where these are dependent."""
-    known = _free_evaluators(reduced)
-    if entries not in known:
-        # Contacts that switch ask for many reductions: the oldest leaves, so that memory stays bounded.
-        while len(known) >= _MOST_REDUCTIONS:
-            known.pop(next(iter(known)))
-        data = reduced.reduction_data.in_entries(entries, free=True)
-        known[entries] = evaluator_for(data, reduced.evaluator)
-    return known[entries]
+    return evaluator
 
 
 def _by_name(wanted: Sequence[str], known: Sequence[str], values: Array, missing: float) -> Array:
