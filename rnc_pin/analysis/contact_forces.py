@@ -203,14 +203,9 @@ class ContactForceSet:
             contact_forces: forces of all constraint rows on the robot [N or N m].
             normal_forces: normal forces of the contacts of ``normal`` [N].
         """
-        out = np.zeros((len(contact_forces), len(self.contacts), self.size))
-        for number, (contact, place) in enumerate(zip(self.contacts, self._places, strict=True)):
-            out[:, number, 1 : 1 + len(contact.along)] = contact_forces[:, list(contact.along)]
-            if place is not None and self._by_motion[place]:
-                out[:, number, 0] = normal_forces[:, place]
-            elif place is not None:
-                out[:, number, 0] = contact_forces[:, contact.up]
-        return out
+        axles = np.zeros((len(normal_forces), self.selection.shape[-1] - self._rows - int(self._by_motion.sum())))
+        unknowns = np.concatenate([contact_forces, normal_forces[:, self._by_motion], axles], axis=1)
+        return np.einsum("mky,ny->nmk", self.selection, unknowns)
 
 
 def linked_contacts(free: Float[Array, "N m k d"]) -> Bool[Array, "N m m"]:
