@@ -135,21 +135,13 @@ class SlitheringReference(ReprMixin):
         Returns:
             The trailer's heading with two derivatives (its jerk is NaN: unknown), and the path with the present place.
         """
-        x, y, heading = (float(measurement.x1[i]) for i in self._tractor)
-        path = self._recorded(state.path, x, y, heading)
-        return self._reference(measurement, v2_dot, path, state.heading)
-
-    def _reference(
-        self, measurement: Measurement, v2_dot: Array, path: Array, last: float
-    ) -> tuple[ReferencePoint, DrivenPath]:
-        """Reference and new state, with the present place in the path, after the last heading."""
-        x1 = measurement.x1
+        x1, rates, last = measurement.x1, measurement.v1, state.heading
         x, y, heading = (float(x1[i]) for i in self._tractor)
+        path = self._recorded(state.path, x, y, heading)
         k0, k1 = self._kingpin
         px, py = float(x1[k0]), float(x1[k1])
         older, (sx, sy, psi, curvature) = self._behind(path, px, py, x, y, heading)
         theta = atan2(py - sy, px - sx)
-        rates = measurement.v1
         rows = measurement.A_star[self._kingpin] @ v2_dot + measurement.A_star_dot[self._kingpin] @ measurement.v2
         vx, vy, ax, ay = float(rates[k0]), float(rates[k1]), float(rows[0]), float(rows[1])
         ex, ey, tx, ty = cos(theta), sin(theta), cos(psi), sin(psi)
