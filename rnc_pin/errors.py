@@ -9,7 +9,7 @@ import json
 import sys
 import warnings
 from collections import ChainMap
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
@@ -343,7 +343,7 @@ def nearest(name: str, valid: Iterable[str], ending: str = "") -> str:
     return f"; expected one of: {shown}"
 
 
-def place_of(name: str, valid: Sequence[str], what: str, error: type[RncError] = ConfigurationError) -> int:
+def place_of(name: str, valid: Collection[str], what: str, error: type[RncError] = ConfigurationError) -> int:
     """Return the index of a name among the valid ones.
 
     Args:
@@ -355,6 +355,20 @@ def place_of(name: str, valid: Sequence[str], what: str, error: type[RncError] =
     if name not in valid:
         raise error(f"{what} '{name}'{nearest(name, valid)}")
     return list(valid).index(name)
+
+
+def check_known(word: object, valid: Iterable[object], what: str, error: type[RncError] = ConfigurationError) -> None:
+    """Raise an error with the nearest word if a word is none of the valid ones.
+
+    Args:
+        word: the word.
+        valid: words that are valid.
+        what: what it chooses, for the message.
+        error: class of the error; by default ``ConfigurationError``.
+    """
+    choices = list(valid)
+    if word not in choices:
+        raise error(f"{what} '{word}' is not known{nearest(str(word), map(str, choices))}")
 
 
 def argument(name: str, value: object) -> str:

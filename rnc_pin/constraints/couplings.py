@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin._kernel.kernel_rows import Form, KernelRow, wrench_rows
-from rnc_pin.errors import ConfigurationError, ConstraintError, nearest
+from rnc_pin.errors import ConfigurationError, ConstraintError, check_known
 from rnc_pin.math.linear_algebra import Component, Entry, apply, components, cross, packed, packed_vector
 from rnc_pin.model.frame_rows import DirectionRows, OffsetFrame, PointRows, frame_direction, triple
 from rnc_pin.model.input_validation import Axis, Vector, is_number
@@ -112,9 +112,7 @@ class LoopClosure:
     rpy: Vector = (0.0, 0.0, 0.0)
 
     def bind(self, robot: Robot) -> Rows:
-        kinds = ("frame", "point")
-        if self.kind not in kinds:
-            raise ConfigurationError(f"kind of loop closure '{self.kind}' is not known{nearest(str(self.kind), kinds)}")
+        check_known(self.kind, ("frame", "point"), "kind of loop closure")
         between = f"'{self.frame_a}' and '{self.frame_b}'"
         turned = triple(self.rpy, f"rpy of the loop of {between}")
         if self.kind == "point" and turned.any():

@@ -21,7 +21,7 @@ from typing import Any, ClassVar, Literal, NamedTuple, Protocol, TypeAlias, runt
 import numpy as np
 
 from rnc_pin.array_shapes import Array, Float
-from rnc_pin.errors import ConfigurationError, InputError, nearest, short_text
+from rnc_pin.errors import ConfigurationError, InputError, short_text
 from rnc_pin.io.json import Json
 from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.printing import ReprMixin, printed
@@ -226,19 +226,6 @@ def check_target(target: object) -> None:
             "target: expected a kinematic controller, such as "
             f"rnc.control.ReducingOutputController(reduced, reference), found {short_text(target)}"
         )
-
-
-def check_known(word: str, valid: Iterable[str], what: str) -> None:
-    """Raise an error with the nearest name if a word is none of the valid ones.
-
-    Args:
-        word: the word.
-        valid: words that are valid.
-        what: what it chooses, for the message.
-    """
-    choices = list(valid)
-    if word not in choices:
-        raise ConfigurationError(f"{what} '{word}' is not known{nearest(word, choices)}")
 
 
 def elapsed_time(t: float, last: float | None) -> float:

@@ -14,8 +14,8 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.array_shapes import Array, Float
-from rnc_pin.control.controller import Description, check_known, listed
-from rnc_pin.errors import ConfigurationError, InfeasibleError, few, short_text
+from rnc_pin.control.controller import Description, listed
+from rnc_pin.errors import ConfigurationError, InfeasibleError, check_known, few, short_text
 from rnc_pin.math.linear_algebra import apply_transposed
 from rnc_pin.model.input_validation import NotNegative, Positive
 from rnc_pin.model.reduced_model import ReducedModel

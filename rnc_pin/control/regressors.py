@@ -18,7 +18,7 @@ import pinocchio as pin
 from rnc_pin.constraints import MomentumConservation
 from rnc_pin.constraints.wheels_and_blades import RollingRows
 from rnc_pin.control.estimation import EstimatedModel, ParametrizedCopy
-from rnc_pin.errors import ConfigurationError, ModelError, SingularityError, nearest
+from rnc_pin.errors import ConfigurationError, ModelError, SingularityError, place_of
 from rnc_pin.math.linear_algebra import cross, dot
 from rnc_pin.model.input_validation import Positive
 from rnc_pin.model.kinematics import WORLD_AXES
@@ -170,8 +170,7 @@ class WheelRegressor:
             expected = "two wheels" if pair else "a list of wheels"
             raise ConfigurationError(f"unknown {what}: expected {expected}, found {each.wheels!r}")
         for wheel in each.wheels:
-            if wheel not in found:
-                raise ConfigurationError(f"unknown {what}: no rolling wheel '{wheel}'{nearest(str(wheel), found)}")
+            place_of(wheel, found, f"unknown {what}: no rolling wheel")
             if wheel in taken or list(each.wheels).count(wheel) > 1:
                 raise ConfigurationError(f"unknown {what}: wheel '{wheel}' is named twice")
 

@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from rnc_pin.errors import InputError, nearest
+from rnc_pin.errors import InputError, nearest, place_of
 
 MAX_LINES = 6  # largest number of lines in a panel
 AXIS_NAMES = {
@@ -100,8 +100,7 @@ class Labels:
         """
         known = list(dict.fromkeys(valid))
         for name in self.given:
-            if name not in known:
-                raise InputError(f"labels: nothing is named '{name}'{nearest(name, known)}")
+            place_of(name, known, "labels: nothing is named", InputError)
 
     def text(self, name: str) -> str:
         """Text of a name: the given one, or the readable name; dots replace the middle of a long one.

@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin._kernel.kernel_rows import AttachedFrame, Form, KernelRow, attached, component_rows, wrench_rows
-from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.errors import ConfigurationError, check_known
 from rnc_pin.math.linear_algebra import (
     Component,
     Dual,
@@ -116,8 +116,7 @@ def axis_index(axis: str) -> int:
     Args:
         axis: name of the axis.
     """
-    if axis not in AXES:
-        raise ConfigurationError(f"axis '{axis}' is not known{nearest(str(axis), AXES)}")
+    check_known(axis, AXES, "axis")
     return AXES[axis]
 
 

@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from rnc_pin.array_shapes import Array, Float
-from rnc_pin.errors import ConstraintError, InputError, nearest
+from rnc_pin.errors import ConstraintError, InputError, place_of
 from rnc_pin.math.linear_algebra import apply, apply_transposed, solve_positive_definite
 from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.evaluator import evaluator_for
@@ -190,8 +190,7 @@ def _coefficients(rows: RowStack, restitution: Restitution) -> Array:
     """Coefficient of each row, (k,)."""
     named = restitution if isinstance(restitution, Mapping) else dict.fromkeys(rows.names, restitution)
     for name, value in named.items():
-        if name not in rows.names:
-            raise ConstraintError(f"restitution: no constraint row '{name}'{nearest(str(name), rows.names)}")
+        place_of(name, rows.names, "restitution: no constraint row", ConstraintError)
         if not (is_number(value) and 0.0 <= value <= 1.0):
             raise ConstraintError(f"restitution of row '{name}': expected a number from 0 to 1, found {value!r}")
     return np.array([float(named.get(name, 0.0)) for name in rows.names])

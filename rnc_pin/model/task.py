@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from rnc_pin.errors import ConfigurationError, InputError, nearest
+from rnc_pin.errors import ConfigurationError, InputError, nearest, place_of
 from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.model.input_validation import numbers_of
 from rnc_pin.model.kinematics import PositionKinematics
@@ -261,7 +261,7 @@ class Task(ReprMixin):
         """
         x2, x1 = reduced.reducing, reduced.vertical
         chosen = x1.names if vertical is None else tuple(vertical)
-        columns = {name: _position(name, x2.names, "reducing") for name in (*primary, *redundant)}
+        columns = {name: place_of(name, x2.names, "no reducing output") for name in (*primary, *redundant)}
         # A mapping keeps a name once: fewer entries than names tell that one is there twice.
         if len(columns) < len(primary) + len(redundant):
             raise ConfigurationError("duplicate output in primary and redundant")
@@ -271,7 +271,7 @@ class Task(ReprMixin):
             raise ConfigurationError(f"reducing output '{left[0]}' is neither primary nor redundant")
         first = np.array([columns[name] for name in primary], dtype=int)
         second = np.array([columns[name] for name in redundant], dtype=int)
-        rows = np.array([_position(name, x1.names, "vertical") for name in chosen], dtype=int)
+        rows = np.array([place_of(name, x1.names, "no vertical output") for name in chosen], dtype=int)
         return cls(
             primary=first,
             redundant=second,
@@ -287,9 +287,3 @@ class Task(ReprMixin):
 
     def _settings(self) -> Mapping[str, object]:
         return {"primary": self.primary_names, "redundant": self.redundant_names, "vertical": self.vertical_names}
-
-
-def _position(name: str, names: Sequence[str], what: str) -> int:
-    if name not in names:
-        raise ConfigurationError(f"no {what} output '{name}'{nearest(str(name), names)}")
-    return list(names).index(name)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rnc_pin.errors import ConfigurationError, InputError, RncError, nearest
+from rnc_pin.errors import ConfigurationError, InputError, RncError, place_of
 from rnc_pin.io.json import atomic_file, dump_json
 from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin
 from rnc_pin.simulation.run_data import SERIES_UNITS, RunData
@@ -179,8 +179,7 @@ def export_run(run: RunData, path: str | Path, arrays: Sequence[str] | None = No
     known = list(run.arrays)
     chosen = known if arrays is None else ["time", *(name for name in arrays if name != "time")]
     for name in chosen:
-        if name not in known:
-            raise InputError(f"arrays: the run has no '{name}'{nearest(name, known)}")
+        place_of(name, known, "arrays: the run has no", InputError)
     headers = [
         f"{name}{each.name and '.' + each.name}{each.unit and f' [{each.unit}]'}"
         for name in chosen

@@ -12,7 +12,7 @@ from annotated_types import Len
 from numpy.typing import ArrayLike
 
 from rnc_pin.collision import Obstacle
-from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.errors import place_of
 from rnc_pin.model.coordinates import ConfigurationManifold
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.rows import ConstraintKind, GroundSurface
@@ -52,8 +52,7 @@ class View:
     def __post_init__(self) -> None:
         # Here and not by the page: a wrong name would hide nothing, without a word.
         for layer in self.hide:
-            if layer not in LAYERS:
-                raise ConfigurationError(f"view.hide: no layer '{layer}'{nearest(layer, LAYERS)}")
+            place_of(layer, LAYERS, "view.hide: no layer")
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from typing import Literal, TypedDict, TypeVar
 import numpy as np
 
 from rnc_pin.array_shapes import Array, Float
-from rnc_pin.control.controller import Command, Controller, State, VelocityTarget, check_known
-from rnc_pin.errors import ConfigurationError, DivergenceError, InputError, nearest
+from rnc_pin.control.controller import Command, Controller, State, VelocityTarget
+from rnc_pin.errors import ConfigurationError, DivergenceError, InputError, check_known, place_of
 from rnc_pin.model.input_validation import NotNegative, Positive, is_number, numbers_of
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -83,8 +83,7 @@ class LoopSettings:
         names = [each.name for each in fields(cls)]
         # By hand: the error of the constructor has no nearest name.
         for name in options:
-            if name not in names:
-                raise ConfigurationError(f"loop: no option '{name}'{nearest(str(name), names)}")
+            place_of(name, names, "loop: no option")
         return cls(**options)
 
     def __post_init__(self) -> None:

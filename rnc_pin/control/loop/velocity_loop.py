@@ -10,10 +10,10 @@ import pinocchio as pin
 
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.actuator_velocity import ActuatorVelocityController, driven_joints, velocity_from_actuators
-from rnc_pin.control.controller import Controller, KinematicController, check_known
+from rnc_pin.control.controller import Controller, KinematicController
 from rnc_pin.control.loop.control_loop import ControlLoop
 from rnc_pin.control.loop.options import GuardOptions, LoopOptions, admit_controller, admit_model
-from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.errors import ConfigurationError, check_known, nearest
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import printed
 

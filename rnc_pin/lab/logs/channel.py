@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, Field
 from scipy.spatial.transform import Rotation, Slerp
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.errors import ConfigurationError, InputError, nearest
+from rnc_pin.errors import ConfigurationError, InputError, check_known
 from rnc_pin.io import Json, Strict, load_yaml, read_bytes, validated
 from rnc_pin.printing import counted
 
@@ -199,8 +199,7 @@ class Channel:
     repairs: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.quantity not in QUANTITIES:
-            raise ConfigurationError(f"quantity '{self.quantity}' is not known{nearest(self.quantity, QUANTITIES)}")
+        check_known(self.quantity, QUANTITIES, "quantity")
         time, values = np.asarray(self.time, dtype=float), np.asarray(self.values, dtype=float)
         sizes = {"position": 1, "velocity": 1, "effort": 1, "pose": 7}  # numbers of a sample
         size = sizes[self.quantity]

@@ -17,7 +17,7 @@ import scipy
 from numpy import ndarray as Array
 
 from rnc_pin.constraints import GroundPlane
-from rnc_pin.errors import ConfigurationError, argument, nearest
+from rnc_pin.errors import ConfigurationError, argument, check_known
 from rnc_pin.model.input_validation import NotNegative, Positive, check_settings, is_number
 from rnc_pin.model.rows import Friction, GroundContact, Rows, carrier_of
 from rnc_pin.robots.robot import Robot
@@ -85,11 +85,7 @@ class MuJoCoSettings:
         # Words of each setting.
         listed = {"integrator": get_args(Integrator), "stance": get_args(Stance), "casters": ("auto", True, False)}
         for name, choices in listed.items():
-            value = getattr(self, name)
-            if value not in choices:
-                raise ConfigurationError(
-                    f"MuJoCo: {name} '{value}' is not known{nearest(str(value), map(str, choices))}"
-                )
+            check_known(getattr(self, name), choices, f"MuJoCo: {name}")
         check_settings(self)
         friction = self.friction if isinstance(self.friction, Sequence | np.ndarray) else ()
         if len(friction) != 3 or not all(is_number(each) and each >= 0 for each in friction):

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from rnc_pin.analysis.derivatives import StateDerivatives
 from rnc_pin.array_shapes import Array, Float
-from rnc_pin.errors import ConfigurationError, InputError, nearest
+from rnc_pin.errors import ConfigurationError, InputError, place_of
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics
 from rnc_pin.model.reduced_model import ReducedModel
@@ -48,8 +48,7 @@ def row_numbers(given: object, names: Sequence[str], what: str, missing: float =
     """
     if isinstance(given, Mapping):
         for name in given:
-            if name not in names:
-                raise ConfigurationError(f"{what}: no '{name}'{nearest(str(name), names)}")
+            place_of(name, names, f"{what}: no")
         given = [given.get(name, missing) for name in names]
     try:
         found = np.asarray(given, dtype=float)

@@ -17,7 +17,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ModelError, nearest
+from rnc_pin.errors import ModelError, check_known
 from rnc_pin.io.safe_read import parse_tree, read_bytes
 
 ROOT_JOINTS: Mapping[str, Callable[[], object] | None] = {
@@ -36,8 +36,7 @@ def check_base(base: object) -> None:
     Raises:
         ModelError: unknown base.
     """
-    if not isinstance(base, str) or base not in ROOT_JOINTS:
-        raise ModelError(f"base '{base}' is not known{nearest(str(base), ROOT_JOINTS)}")
+    check_known(base, ROOT_JOINTS, "base", ModelError)
 
 
 class Mimic(NamedTuple):

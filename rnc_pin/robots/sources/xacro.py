@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TypeAlias
 from xml.etree.ElementTree import Element
 
-from rnc_pin.errors import ModelError, nearest
+from rnc_pin.errors import ModelError, nearest, place_of
 from rnc_pin.robots.robot_files import Packages
 from rnc_pin.robots.sources.xacro_definitions import (
     Arguments,
@@ -66,8 +66,7 @@ def expand(
         raise ModelError(f"{path}: xacro: {error}{expander.fault}") from None
     # Afterwards: only the expansion shows which arguments the files ask for.
     for name in texts:
-        if name not in given.asked:
-            raise ModelError(f"{path}: no xacro argument '{name}'{nearest(name, given.asked)}")
+        place_of(name, given.asked, f"{path}: no xacro argument", ModelError)
     return root
 
 
