@@ -25,7 +25,7 @@ from rnc_pin.math.linear_algebra import apply, apply_transposed
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.coordinates import arc_chord
 from rnc_pin.model.evaluation_results import Measurement
-from rnc_pin.model.input_validation import ArrayInput, ConfigurationValidator, vector
+from rnc_pin.model.input_validation import ArrayInput, ConfigurationValidator, numbers_or_nan, vector
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.rows import rheonomic_names
 from rnc_pin.printing import ReprMixin, printed
@@ -210,11 +210,7 @@ def velocity_limits(reduced: ReducedModel, limits: bool | np.ndarray) -> np.ndar
     """
     if isinstance(limits, bool):
         return known_velocity_limits(reduced.robot.model) if limits else np.full(reduced.n, np.inf)
-    try:
-        given = np.array(limits, dtype=float)
-    except (TypeError, ValueError):
-        # A size that no model has: all wrong values get the same message.
-        given = np.empty(0)
+    given = numbers_or_nan(limits)
     if given.shape != (reduced.n,) or not (given > 0).all():
         raise ConfigurationError(f"velocity limits have to be {reduced.n} positive numbers, found {limits!r}")
     return given

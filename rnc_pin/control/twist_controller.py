@@ -28,7 +28,7 @@ from rnc_pin.control.actuator_velocity import (
 from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError
 from rnc_pin.math.convex_programs import nearest_point
 from rnc_pin.model.coordinates import wrapped
-from rnc_pin.model.input_validation import ConfigurationValidator
+from rnc_pin.model.input_validation import ConfigurationValidator, numbers_or_nan
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import ReprMixin
 
@@ -276,10 +276,7 @@ class TwistController(ReprMixin):
 
     def _admitted(self, q: Array, twist: Twist) -> tuple[Array, Array]:
         """Return the configuration, and the scaled twist."""
-        try:
-            wanted = np.array(twist, dtype=float)  # None is NaN
-        except (TypeError, ValueError):
-            wanted = np.empty(0)
+        wanted = numbers_or_nan(twist)
         unknown = 3 - np.count_nonzero(np.isfinite(wanted))
         if wanted.shape != (3,) or (unknown and not sum(each is None for each in twist) == unknown < 3):
             raise InputError(f"a twist is (vx, vy, wz): three finite numbers, or None for a free one; found {twist!r}")

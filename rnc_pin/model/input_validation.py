@@ -164,6 +164,18 @@ def admit_numbers(array: ArrayInput, name: str) -> np.ndarray:
     return found.astype(float, copy=False)
 
 
+def numbers_or_nan(values: object) -> np.ndarray:
+    """Return a copy of values as floats; NaN if they are no numbers, which the check of the values then refuses too.
+
+    Args:
+        values: the input; None among them is NaN.
+    """
+    try:
+        return np.array(values, dtype=float)
+    except (TypeError, ValueError):
+        return np.array(np.nan)
+
+
 def check_finite(name: str, array: np.ndarray) -> None:
     """Raise ``InputError`` if an array contains NaN or infinite values.
 

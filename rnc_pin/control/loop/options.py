@@ -11,7 +11,7 @@ import numpy as np
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.controller import Command, Controller, State, VelocityTarget
 from rnc_pin.errors import ConfigurationError, DivergenceError, InputError, check_known, place_of
-from rnc_pin.model.input_validation import NotNegative, Positive, is_number, numbers_of
+from rnc_pin.model.input_validation import NotNegative, Positive, is_number, numbers_of, numbers_or_nan
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 
@@ -133,11 +133,7 @@ def admit_limits(reduced: ReducedModel, limits: bool | Array) -> Array | None:
     if isinstance(limits, bool):
         # Infinite limits clip nothing: None saves a comparison in each step.
         return reduced.actuation.limits if limits and np.isfinite(reduced.actuation.limits).any() else None
-    try:
-        given = np.array(limits, dtype=float)
-    except (TypeError, ValueError):
-        # NaN fails the comparison below, so all wrong values get the same message.
-        given = np.full(1, np.nan)
+    given = numbers_or_nan(limits)
     if given.shape != (reduced.p,) or not (given >= 0).all():
         raise ConfigurationError(f"limits of a loop have to be {reduced.p} non-negative numbers")
     return given

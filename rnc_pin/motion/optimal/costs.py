@@ -22,6 +22,7 @@ from rnc_pin.analysis.derivatives import StateDerivatives
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import ConfigurationError, InputError, place_of
 from rnc_pin.model.cached_property import cached_property
+from rnc_pin.model.input_validation import numbers_or_nan
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import OutputTarget, SelectedOutputs, find_output
@@ -50,10 +51,7 @@ def row_numbers(given: object, names: Sequence[str], what: str, missing: float =
         for name in given:
             place_of(name, names, f"{what}: no")
         given = [given.get(name, missing) for name in names]
-    try:
-        found = np.asarray(given, dtype=float)
-    except (TypeError, ValueError):
-        found = np.full((), np.nan)  # refused below, with what was given
+    found = numbers_or_nan(given)
     allowed = np.isfinite(found) if np.isfinite(missing) else ~np.isnan(found)
     if found.shape not in ((), (len(names),)) or not allowed.all():
         kind = "a finite number" if np.isfinite(missing) else "a number"
