@@ -27,7 +27,7 @@ from rnc_pin.applications.drive.preparation import prepare_drive, read_source
 from rnc_pin.applications.drive.run import CommandQueue, RealTimeClock, drive
 from rnc_pin.applications.scenario.execution import Result, execute, write
 from rnc_pin.applications.scenario.files import built_in_names
-from rnc_pin.applications.scenario.pictures import draw_pictures, drawn_run, write_animation
+from rnc_pin.applications.scenario.pictures import draw_pictures, write_animation
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.visualization.recording import Recording, browser, take_pictures
 
@@ -76,7 +76,7 @@ def picture(prepared: Scenario, result: Result) -> dict:
             shrink(Image.open(folder / "top_view.png"), IMAGES / plots[-1], colors=128)
         animation_size = (folder / "animation.html").stat().st_size
     run, title = result.trajectory, scenario.title or name
-    recording = Recording(drawn_run(prepared.experiment.drawn_model, scenario), run, scenario.view, title)
+    recording = Recording(prepared.experiment.drawn_model, run, scenario.view, title)
     for shot in take_pictures(recording, [telling_moment(prepared, result)], (1000, 600)):
         shrink(Image.open(io.BytesIO(shot)), IMAGES / f"{name.replace('-', '_')}.png")
     errors = {key: float(f"{value:.2g}") for key, value in result.summary["final_error"].items()}

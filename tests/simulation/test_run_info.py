@@ -127,4 +127,4 @@ def test_the_run_of_a_built_in_scenario_names_no_folder(tmp_path, monkeypatch):
     # A file of the same name where the replay is started is another robot.
     (tmp_path / "space_robot.urdf").write_text("<robot name='other'/>")
     monkeypatch.chdir(tmp_path)
-    assert load_run(tmp_path / "run.npz").reduced.robot.name == "space_robot"
+    assert load_run(tmp_path / "run.npz").scenario.robot.name == "space_robot"

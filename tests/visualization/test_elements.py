@@ -1,9 +1,10 @@
 """Forces of constraints that act during a part of a run, as pages draw them."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from rnc_pin.applications.scenario.execution import execute
-from rnc_pin.applications.scenario.pictures import drawn_run
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.visualization.browser.scene_server import SceneWindow
 from rnc_pin.visualization.drawn_state import RATE, View, recorded_states
@@ -32,9 +33,9 @@ def test_ground_carries_a_ball_after_its_landing(tmp_path):
     """No force in flight; then the weight of 1 kg, upwards at the contact point. The scene has a layer for it."""
     prepared = Scenario.load(str(write(tmp_path / "drop.yaml", DROP))).build()
     run = execute(prepared).trajectory
-    drawn = drawn_run(prepared.experiment.drawn_model, prepared.experiment.scenario)
+    drawn = prepared.experiment.drawn_model
     states = list(recorded_states(drawn.robot, run))
-    for model, layers in ((prepared.experiment.drawn_model, 0), (drawn, 1)):
+    for model, layers in ((replace(drawn, switching=()), 0), (drawn, 1)):
         shown = ShownRun(model, run.info, run.info.goals, run)
         scene = RunScene(shown, View(), MeshcatScene(SceneWindow("drop"), RATE), states[0])
         assert [line["label"] for line in scene.legend()].count("constraint force") == layers

@@ -13,17 +13,11 @@ import click
 
 from rnc_pin.applications.command_line.messages import DONE, warn
 from rnc_pin.applications.command_line.report import print_summary, report_findings
-from rnc_pin.applications.scenario.builder import build_reduced
 from rnc_pin.applications.scenario.files import built_in_names, find_scenario
 from rnc_pin.applications.scenario.output_folder import check_new_file, one_line_errors
-from rnc_pin.applications.scenario.pictures import drawn_run
-from rnc_pin.applications.scenario.schema import ScenarioFile
-from rnc_pin.applications.scenario.schema.scenario import validate
-from rnc_pin.applications.scenario.schema.world import build_obstacles
-from rnc_pin.collision import Obstacle
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.interruption import interruptible
-from rnc_pin.model import ReducedModel
 from rnc_pin.simulation import Grounds, Provenance, RunInfo, Trajectory, add_verdict, export_run, summarize
 from rnc_pin.visualization import DrawnModel, LiveView, Recording, View, recorded_states, write_video
 from rnc_pin.visualization.browser import is_loopback
@@ -31,23 +25,22 @@ from rnc_pin.visualization.browser import is_loopback
 
 @dataclass(frozen=True)
 class Run:
-    """Finished run with its scenario and model."""
+    """Finished run with its scenario."""
 
     source: Path
     trajectory: Trajectory
-    scenario: ScenarioFile
-    reduced: ReducedModel
-    obstacles: tuple[Obstacle, ...] = ()
+    scenario: Scenario
 
     @property
     def drawn_model(self) -> DrawnModel:
-        """Robot with its model and the obstacles, to draw."""
-        return drawn_run(DrawnModel(self.reduced.robot, self.reduced, self.obstacles), self.scenario)
+        """Robot with its model, obstacles and contacts, to draw."""
+        made = self.scenario
+        return DrawnModel(made.robot, made.reduced, made.obstacles, made.content.contact_constraints)
 
     @property
     def title(self) -> str:
         """Title of the scenario, or its name."""
-        return self.scenario.title or str(self.trajectory.info.provenance.scenario)
+        return self.scenario.content.title or self.scenario.name
 
 
 def load_run(source: Path) -> Run:
@@ -63,17 +56,15 @@ def load_run(source: Path) -> Run:
     origin = trajectory.info.provenance
     if origin.config is None:
         raise ConfigurationError(f"{source}: contains no scenario, so the robot is unknown")
-    scenario = validate(origin.config, str(source))
-    folder = _folder(origin)
-    _, reduced = build_reduced(scenario, folder)
+    scenario = Scenario(str(origin.scenario), dict(origin.config), _folder(origin), source=str(source))
     # The file of the robot may have changed since the run.
-    if trajectory.q.shape[1] != reduced.robot.nq:
+    if trajectory.q.shape[1] != scenario.robot.nq:
         raise ConfigurationError(
-            f"{source}: configurations have {trajectory.q.shape[1]} entries, but its robot has nq = {reduced.robot.nq}"
+            f"{source}: configurations have {trajectory.q.shape[1]} entries, but its robot has nq = {scenario.robot.nq}"
         )
     if len(trajectory.time) < 2:
         raise ConfigurationError(f"{source}: contains {len(trajectory.time)} samples, at least 2 are required")
-    return Run(source, trajectory, scenario, reduced, build_obstacles(scenario.obstacles, folder))
+    return Run(source, trajectory, scenario)
 
 
 def _folder(origin: Provenance) -> Path:
@@ -93,10 +84,10 @@ def _compared(runs: Sequence[Run]) -> dict[str, Trajectory]:
     names = [each.stem.removeprefix("trajectory_") if each.is_file() else each.name for each in paths]
     found: dict[str, Trajectory] = {}
     for name, other in zip(names[1:], runs[1:], strict=True):
-        if other.reduced.robot.nq != first.reduced.robot.nq or other.reduced.robot.name != first.reduced.robot.name:
+        one, robot = first.scenario.robot, other.scenario.robot
+        if (robot.nq, robot.name) != (one.nq, one.name):
             raise ConfigurationError(
-                f"{other.source}: is of robot '{other.reduced.robot.name}', "
-                f"{first.source} of '{first.reduced.robot.name}': one scene shows one robot"
+                f"{other.source}: is of robot '{robot.name}', {first.source} of '{one.name}': one scene shows one robot"
             )
         # Folders of one name are told apart by their paths.
         shown = name if names.count(name) == 1 else str(other.source)
@@ -111,7 +102,7 @@ def animation_of(runs: Sequence[Run]) -> Recording:
         runs: the run, then those to compare with it.
     """
     run = runs[0]
-    return Recording(run.drawn_model, run.trajectory, run.scenario.view, run.title, _compared(runs))
+    return Recording(run.drawn_model, run.trajectory, run.scenario.content.view, run.title, _compared(runs))
 
 
 @contextmanager
@@ -195,7 +186,7 @@ def _write(recording: Recording, files: ReplayFiles) -> None:
 def _judged(run: Run) -> int:
     """Print the summary and the verdict of a run, and return the exit status."""
     # A run that has no verdict is judged without the goals and obstacles of its scenario.
-    judged = replace(run.trajectory, grounds=Grounds(run.reduced))
+    judged = replace(run.trajectory, grounds=Grounds(run.scenario.reduced))
     verdict, summary = judged.verdict, summarize(judged)
     add_verdict(summary, verdict)
     print_summary(summary, judged.info.outputs)
@@ -203,11 +194,11 @@ def _judged(run: Run) -> int:
 
 
 def _show(run: Run, speed: float, browser: bool, host: str) -> None:
-    shown = run.drawn_model, run.scenario.view, run.trajectory.info, run.title
+    shown = run.drawn_model, run.scenario.content.view, run.trajectory.info, run.title
     # Ctrl-C ends the show, and is no failure of the run.
     with live_view(*shown, speed, browser, host) as live, suppress(KeyboardInterrupt):
         # As often as a screen draws.
-        for state in recorded_states(run.reduced.robot, run.trajectory, rate=60.0):
+        for state in recorded_states(run.scenario.robot, run.trajectory, rate=60.0):
             live(state)
 
 

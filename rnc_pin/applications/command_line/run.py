@@ -69,13 +69,11 @@ def run_scenario(
 def _watched(prepared: Scenario, watching: Watching, quiet: bool) -> Result:
     """Execute the run with a live view."""
     from rnc_pin.applications.command_line.replay import live_view  # Meshcat takes a second to import
-    from rnc_pin.visualization import DrawnModel
 
     experiment = prepared.experiment
     title = prepared.content.title or prepared.name
-    drawn = DrawnModel(experiment.reduced.robot, experiment.reduced, experiment.obstacles)
-    info = RunInfo(drawn.outputs, provenance=experiment.provenance)
-    with live_view(drawn, prepared.content.view, info, title, **watching) as live:
+    info = RunInfo(experiment.drawn_model.outputs, provenance=experiment.provenance)
+    with live_view(experiment.drawn_model, prepared.content.view, info, title, **watching) as live:
         return _executed(prepared, live, quiet)
 
 

@@ -13,7 +13,7 @@ from rnc_pin.applications.drive.run import CommandQueue, DriveStatus
 from rnc_pin.io import Json
 from rnc_pin.simulation import RunInfo, Sample
 from rnc_pin.verdict import Severity, Verdict, weight_of
-from rnc_pin.visualization import DrawnModel, DrawnState, LiveView, mg
+from rnc_pin.visualization import DrawnState, LiveView, mg
 from rnc_pin.visualization.browser import ControlPanel
 
 _GOAL = 0xE69F00
@@ -32,9 +32,8 @@ class DrivePage(LiveView):
 
     def __init__(self, prepared: PreparedDrive, queue: CommandQueue, title: str, open_browser: bool) -> None:
         experiment, controls = prepared.scenario.experiment, prepared.controls
-        reduced = experiment.reduced
-        drawn = DrawnModel(reduced.robot, reduced, experiment.obstacles)
-        info = RunInfo(drawn.outputs, tuple(reduced.vertical.names), provenance=experiment.provenance)
+        drawn, goals = experiment.drawn_model, tuple(experiment.reduced.vertical.names)
+        info = RunInfo(drawn.outputs, goals, provenance=experiment.provenance)
         view = experiment.scenario.view
         # The reference of the scenario is not followed here, and goals are drawn instead.
         view = replace(view, hide=[*view.hide, "reference", "constraint forces"])

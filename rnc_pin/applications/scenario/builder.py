@@ -121,8 +121,8 @@ class Experiment:
 
     @property
     def drawn_model(self) -> DrawnModel:
-        """Robot, model and obstacles to draw."""
-        return DrawnModel(self.reduced.robot, self.reduced, self.obstacles)
+        """Robot, model and obstacles to draw, with the contacts that open and close, whose forces a page shows."""
+        return DrawnModel(self.reduced.robot, self.reduced, self.obstacles, self.scenario.contact_constraints)
 
     @property
     def findings(self) -> tuple[Finding, ...]:

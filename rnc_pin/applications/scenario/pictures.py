@@ -16,7 +16,6 @@ import numpy as np
 from rnc_pin import figures, simulation, visualization
 from rnc_pin.applications.scenario.execution import Result
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.errors import RncError, few
 from rnc_pin.interruption import interruptible
 
@@ -122,16 +121,6 @@ def _drawn(scenario: Scenario, result: Result, path: Path) -> bool | str:
 # ------------------------------------------------------------------ page
 
 
-def drawn_run(drawn: visualization.DrawnModel, scenario: ScenarioFile) -> visualization.DrawnModel:
-    """Add the contacts that open and close to the subject of a page, so that it shows their forces.
-
-    Args:
-        drawn: robot, model and obstacles of the scenario.
-        scenario: the scenario of the run.
-    """
-    return replace(drawn, switching=tuple(each.constraint for each in scenario.contacts))
-
-
 def write_animation(scenario: Scenario, result: Result, path: Path) -> bool:
     """Write the page of a run.
 
@@ -145,7 +134,7 @@ def write_animation(scenario: Scenario, result: Result, path: Path) -> bool:
     """
     content = scenario.content
     view = replace(content.view, hide=[*content.view.hide, "compared"])  # users can switch this layer on
-    drawn, title = drawn_run(scenario.experiment.drawn_model, content), content.title or scenario.name
+    drawn, title = scenario.experiment.drawn_model, content.title or scenario.name
     visualization.Recording(drawn, result.trajectory, view, title, result.comparisons).save(path)
     return True
 

@@ -291,6 +291,11 @@ class ScenarioFile(Strict):
         return () if self.outputs is None else (*self.outputs.reducing, *self.outputs.vertical)
 
     @property
+    def contact_constraints(self) -> tuple[ConstraintKind, ...]:
+        """Constraints of the contacts that open and close."""
+        return tuple(each.constraint for each in self.contacts)
+
+    @property
     def compared(self) -> dict[str, dict[str, Content]]:
         """Variants to run for comparison: name to dotted keys and their values."""
         named = self.comparisons
@@ -316,7 +321,7 @@ class ScenarioFile(Strict):
         if self.ground is None:
             return self
         # Together: a ground that contacts stand on is not useless.
-        grounded = kinds.with_ground([*self.constraints, *(each.constraint for each in self.contacts)], self.ground)
+        grounded = kinds.with_ground([*self.constraints, *self.contact_constraints], self.ground)
         count = len(self.constraints)
         landing = [replace(each, constraint=kind) for each, kind in zip(self.contacts, grounded[count:], strict=True)]
         return self.model_copy(update={"constraints": grounded[:count], "contacts": landing})
