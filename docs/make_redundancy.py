@@ -45,7 +45,7 @@ def row(name: str) -> tables.Row:
             use = best.use
             made |= {"at rest": short(best.exploration.primary), "best use": short(use.vertical)}
             made |= {"class": str(use.redundancy_class), "by": short(use.actuators or use.redundant)}
-            verdict = scenario_of(scenario, best)[1]
+            verdict = scenario_of(best)[1]
             return made | {"run": "succeeded" if verdict.succeeded else str(verdict.first)}
     except RncError as error:
         return made | {"run": re.sub(r"\S*/", "", str(error)).replace("|", "/")[:160]}  # without folders

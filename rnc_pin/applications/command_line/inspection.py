@@ -176,7 +176,7 @@ def explore_system(
     if not 1 <= (row or 1) <= len(found):
         raise ConfigurationError(f"--row {row or 1}: expected a row from 1 to {len(found)}")
     # A row is a use of the redundancy at samples; whether a run of it succeeds, only a run shows.
-    made, verdict = scenario_of(scenario, found[(row or 1) - 1])
+    made, verdict = scenario_of(found[(row or 1) - 1])
     with one_line_errors(f"--write {write}"), atomic_file(write, replace=False) as partial:
         made.save(partial)
     if not verdict.succeeded:

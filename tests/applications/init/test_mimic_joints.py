@@ -3,7 +3,7 @@
 import pytest
 import yaml
 
-from rnc_pin.applications.init import DraftOptions, draft, redundancy_use
+from rnc_pin.applications.init import DraftOptions, draft, find_uses
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from urdf_parts import BOX, joint, link, robot, transmissions, wheel, write
@@ -60,8 +60,7 @@ def test_one_motor_moves_a_gripper(named, efforts, multiplier, motor, tmp_path):
 def test_a_use_that_starts_elsewhere_moves_the_follower_too(tmp_path):
     run_draft(gripper(), tmp_path)
     unit = Scenario.load(str(tmp_path / "unit.yaml"), {"initial.q": {"grip": 0.01, "mirror": -0.01}})
-    use, known = redundancy_use.find_uses(unit, ["base_speed_x"])[0][0], redundancy_use._known_outputs(unit)
-    made = redundancy_use._content(unit, use, {"grip": 0.02}, known, 1.0, "adaptive")
+    made = find_uses(unit, ["base_speed_x"])[0][0].content({"grip": 0.02}, 1.0, "adaptive")
     assert made["initial"] == {"q": {"grip": 0.02}}
 
 
