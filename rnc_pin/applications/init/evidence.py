@@ -114,34 +114,6 @@ def _whole(pattern: str) -> re.Pattern[str]:
     return re.compile(f"(?:{pattern})s?")
 
 
-def sliding_axis(model: pin.Model, data: pin.Data, joint: int) -> np.ndarray:
-    """Linear part (3,) of the Jacobian column, in the world axes, of a joint with one degree of freedom.
-
-    Args:
-        model: model of the robot.
-        data: data of the model, with joint Jacobians.
-        joint: index of the joint.
-    """
-    return _column(model, data, joint)[:3]
-
-
-def turning_axis(model: pin.Model, data: pin.Data, joint: int) -> np.ndarray:
-    """Rotation axis in the world frame (3,) of a joint with one degree of freedom; zero for a prismatic joint.
-
-    Args:
-        model: model of the robot.
-        data: data of the model, with joint Jacobians.
-        joint: index of the joint.
-    """
-    return _column(model, data, joint)[3:]
-
-
-def _column(model: pin.Model, data: pin.Data, joint: int) -> np.ndarray:
-    jacobian = pin.getJointJacobian(model, data, joint, pin.LOCAL_WORLD_ALIGNED)
-    column: np.ndarray = jacobian.reshape(6, model.nv)[:, model.joints[joint].idx_v]  # (6,), also if nv is 1
-    return column
-
-
 def body_frame(robot: Robot, joint: int) -> str:
     """Name of the body frame at the joint's placement, or of the joint's own frame if there is none.
 
@@ -285,7 +257,7 @@ class DriveEvidence:
         """
         # From statements over numbers to words: each step is taken only if the one before tells nothing.
         named = [each for each in joints if self.says(each)]
-        sources = list(dict.fromkeys(self.source(each) for each in named))
+        sources = list(dict.fromkeys("an option" if each in self.driven else self.named[each] for each in named))
         if named:
             return DrivenJoints(tuple(named), SURE, f"named by {few(sources)}")
         possible = [each for each in joints if each not in self.passive]
@@ -306,14 +278,6 @@ class DriveEvidence:
             return DrivenJoints(tuple(called), GUESSED, "by their names")
         sure = LIKELY if len(usual) == len(possible) else GUESSED
         return DrivenJoints(tuple(usual), sure, "as usual, because the file names no motor")
-
-    def source(self, joint: str) -> str:
-        """Return what names a joint as driven.
-
-        Args:
-            joint: name of the joint.
-        """
-        return "an option" if joint in self.driven else self.named[joint]
 
     def unlisted(self, joints: Collection[str]) -> list[str]:
         """Return the joints beside the base that options or the file's list of motors leave out.

@@ -17,7 +17,6 @@ from rnc_pin.applications.init.evidence import (
     DraftDecision,
     body_frame,
     has_word,
-    turning_axis,
     words_of,
 )
 from rnc_pin.applications.init.robot_at_start import PLACED, SAME, RobotAtStart, first_smallest
@@ -84,7 +83,7 @@ def swerve_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
     for each in layout.steered:
         result.roll_line(each.wheels, f"steered by {each.pivot.joint}", lateral=each.wheels[0].joint in guides)
         # All wheels turn to the same side, also about an axis that points down.
-        upward = np.sign(turning_axis(at_start.robot.model, at_start.data, each.pivot.index)[2])
+        upward = np.sign(at_start.turning_axis(each.pivot.index)[2])
         result.outputs.append(({"joint": each.pivot.joint}, float(upward * BENT)))
     wheeled_base.add_wheel_motors(result, layout, at_start)
     for each in layout.steered:  # after the drives, as in lists of motors
@@ -281,7 +280,7 @@ def _angle(wheel: Wheel, wheels: list[Wheel], at_start: RobotAtStart, parallel: 
 def _modelled_angle(wheel: Wheel, at_start: RobotAtStart) -> float:
     """Roller angle from the file [rad]; all rollers of a wheel have the same angle to the axle, with the same sign."""
     joint = at_start.robot.joint_id(wheel.rollers[0])
-    axis = turning_axis(at_start.robot.model, at_start.data, joint)
+    axis = at_start.turning_axis(joint)
     out = at_start.data.oMi[joint].translation - wheel.center
     along_rim = np.cross(out, wheel.axle)  # the wheel's heading if the roller is at the bottom
     # The axis may be written in either direction; seen with its position on the rim, the sign is the same for all.

@@ -20,7 +20,6 @@ from rnc_pin.applications.init.evidence import (
     effort_limit,
     has_word,
     joint_limits,
-    turning_axis,
 )
 from rnc_pin.applications.init.omnidirectional_base import push
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
@@ -414,13 +413,13 @@ def _on_ice(at_start: RobotAtStart, why: str) -> BaseAssumptions:
 
 def _rotors(at_start: RobotAtStart) -> list[str]:
     """Joints that turn on and on about upright axes in a circle around the base: those of a multicopter."""
-    model, data = at_start.robot.model, at_start.data
+    model = at_start.robot.model
     leaves = [k for k in range(1, model.njoints) if model.parents[k] == at_start.root and not len(model.children[k])]
-    upright = [k for k in leaves if model.joints[k].nv == 1 and abs(turning_axis(model, data, k)[2]) > _UPRIGHT]
+    upright = [k for k in leaves if model.joints[k].nv == 1 and abs(at_start.turning_axis(k)[2]) > _UPRIGHT]
     on_and_on = 4 * np.pi  # smallest range of a rotor; files write large limits for none [rad]
     found = [k for k in upright if np.ptp(joint_limits(at_start.robot, model.names[k])) > on_and_on]
     # A ring around the base: equal arms about the middle of all rotors.
-    places = np.array([data.oMi[k].translation[:2] for k in found]).reshape(-1, 2)
+    places = np.array([at_start.data.oMi[k].translation[:2] for k in found]).reshape(-1, 2)
     arms = np.linalg.norm(places - places.sum(axis=0) / max(len(found), 1), axis=1)
     in_circle = len(found) >= _LIMBS and arms.min() > _UPRIGHT * arms.max()
     return [str(model.names[k]) for k in found] if in_circle else []

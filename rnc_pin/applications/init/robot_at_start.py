@@ -14,7 +14,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.applications.init.evidence import DriveEvidence, body_frame, mimic_drivers, sliding_axis, turning_axis
+from rnc_pin.applications.init.evidence import DriveEvidence, body_frame, mimic_drivers
 from rnc_pin.errors import ModelError
 from rnc_pin.robots import Robot
 
@@ -308,6 +308,21 @@ class RobotAtStart:
         """Height of the lowest drawn shape [m]."""
         return min((each.bottom for each in self.drawn), default=0.0)
 
+    def turning_axis(self, joint: int) -> np.ndarray:
+        """Return the axis in the world frame (3,) of a joint with one degree of freedom; zero for a prismatic joint.
+
+        Args:
+            joint: index of the joint.
+        """
+        return self._column(joint)[3:]
+
+    def _column(self, joint: int) -> np.ndarray:
+        """Column (6,) of the Jacobian of a joint with one degree of freedom, in the world axes."""
+        model = self.robot.model
+        jacobian = pin.getJointJacobian(model, self.data, joint, pin.LOCAL_WORLD_ALIGNED)
+        column: np.ndarray = jacobian.reshape(6, model.nv)[:, model.joints[joint].idx_v]  # reshaped, in case nv is 1
+        return column
+
     @cached_property
     def own_planar_joints(self) -> tuple[str, ...]:
         """Joints of the file's own planar base: two horizontal slides and a vertical revolute joint, or none."""
@@ -318,9 +333,9 @@ class RobotAtStart:
             index = int(model.children[index][0])
             if model.joints[index].nv != 1:
                 return ()
-            axis = turning_axis(model, self.data, index)
+            along, axis = np.split(self._column(index), 2)
             # Counted, not compared in order: the two slides may carry the turn, or it them.
-            slides += not axis.any() and abs(sliding_axis(model, self.data, index)[2]) < ALIGNED
+            slides += not axis.any() and abs(along[2]) < ALIGNED
             turns += abs(axis[2]) > 0.999
             joints.append(str(model.names[index]))
         return tuple(joints) if (slides, turns) == (2, 1) else ()

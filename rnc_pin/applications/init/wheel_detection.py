@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.applications.init.evidence import body_frame, has_word, joint_limits, turning_axis
+from rnc_pin.applications.init.evidence import body_frame, has_word, joint_limits
 from rnc_pin.applications.init.robot_at_start import (
     ALIGNED,
     GEOMETRY,
@@ -231,7 +231,7 @@ class WheelSearch:
         for index in range(self._at_start.root + 1, model.njoints):
             if model.joints[index].nv != 1:
                 continue
-            joint, axle = str(model.names[index]), turning_axis(model, self._data, index)
+            joint, axle = str(model.names[index]), self._at_start.turning_axis(index)
             frame, center = self._on_axle(index, axle)
             # A name of the joint or of any link on it: exporters name the joint "joint_3" and the link "left_wheel".
             links = self._at_start.robot.links_of(index)
@@ -422,7 +422,7 @@ class WheelSearch:
         data, pivots, carriers, apart = self._data, list[Pivot](), list[str](), 0.0
         steers = 0.5  # smallest vertical part of a unit swivel axis: forks lean, those of choppers by 50 degrees
         while joint > self._at_start.root and self._model.joints[joint].nv == 1:  # from the wheel up to the base
-            name, axis = str(self._model.names[joint]), turning_axis(self._model, data, joint)
+            name, axis = str(self._model.names[joint]), self._at_start.turning_axis(joint)
             point = data.oMi[joint].translation.copy()
             parallel = axis.any() and np.abs(across(axis, wheel.axle)).max() < ALIGNED
             if parallel and np.abs(across(wheel.center - point, axis)).max() < placed(wheel.radius):
@@ -472,7 +472,7 @@ class WheelSearch:
             index = shape.joint
             if index in {*rolling, *found} or index <= self._at_start.root or model.joints[index].nv != 1:
                 continue
-            if abs(turning_axis(model, self._data, index)[2]) < 1 - ALIGNED:
+            if abs(self._at_start.turning_axis(index)[2]) < 1 - ALIGNED:
                 continue
             center = (shape.points.min(axis=0) + shape.points.max(axis=0)) / 2
             # A mesh does not tell its axle: each axis of the joint's frame is tried.
@@ -492,7 +492,7 @@ class WheelSearch:
             joint = shape.joint
             if joint <= self._at_start.root or model.joints[joint].nv != 1 or not shape.is_disk:
                 continue
-            axis = turning_axis(model, self._data, joint)
+            axis = self._at_start.turning_axis(joint)
             down = shape.bottom - self._at_start.ground < NEAR * shape.radius
             level = max(abs(axis[2]), abs(shape.axis[2])) < LEVEL
             if down and level and axis.any() and abs(axis @ shape.axis) < most:
