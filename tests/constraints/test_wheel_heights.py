@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.applications.scenario.builder import build_reduced, start_findings, start_of
+from rnc_pin.applications.scenario.builder import build_system, start_findings, start_of
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import find_scenario, read_yaml
 from rnc_pin.applications.scenario.scenario import Scenario
@@ -131,7 +131,7 @@ BUILT_IN = [path.stem for path in sorted(find_scenario("tiago").parent.glob("*.y
 def test_built_in_scenarios_have_no_findings(name):
     path = find_scenario(name)
     scenario = validate(read_yaml(path), name)
-    reduced = build_reduced(scenario, path.parent)[1]
+    reduced = scenario.reduced(build_system(scenario, path.parent))
     assert start_findings(scenario, reduced, start_of(scenario, reduced)[0]) == ()
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rnc_pin import plants
 from rnc_pin.analysis import Grip, wheel_height_findings
 from rnc_pin.applications.scenario import plan_builder
 from rnc_pin.applications.scenario.controllers import ControllerContext
@@ -28,17 +29,6 @@ from rnc_pin.model import NonholonomicSystem, ReducedModel, Task
 from rnc_pin.motion.optimal import MotionPlan
 from rnc_pin.motion.planning import Reference
 from rnc_pin.motion.whole_body import WholeBodyProgram, program_of
-from rnc_pin.plants import (
-    ChangingPlant,
-    ContactPlant,
-    FaultyPlant,
-    MassErrors,
-    Plant,
-    ReducedPlant,
-    StuckJoint,
-    VelocityPlant,
-    mujoco,
-)
 from rnc_pin.robots import Robot
 from rnc_pin.simulation import (
     PLOTTED_QUANTITIES,
@@ -68,17 +58,6 @@ def build_system(scenario: ScenarioFile, folder: Path) -> NonholonomicSystem:
     return NonholonomicSystem(robot, scenario.constraints, scenario.actuators, scenario.mimic, scenario.forces)
 
 
-def build_reduced(scenario: ScenarioFile, folder: Path) -> tuple[NonholonomicSystem, ReducedModel]:
-    """Build the system and reduce it to the outputs of the scenario.
-
-    Args:
-        scenario: a validated scenario.
-        folder: base of relative paths.
-    """
-    system = build_system(scenario, folder)
-    return system, scenario.reduced(system)
-
-
 def build_task(scenario: ScenarioFile, reduced: ReducedModel) -> Task:
     """Return the task of the scenario. By default all reducing outputs are primary.
 
@@ -101,7 +80,7 @@ class Experiment:
     scenario: ScenarioFile
     reduced: ReducedModel
     controller: Controller
-    plant: Plant
+    plant: plants.Plant
     q0: np.ndarray
     v2_0: np.ndarray
     simulation: SimulationSettings
@@ -177,7 +156,7 @@ def build_experiment(
             sample_count(simulation.seconds, simulation.dt)
         except InputError as error:
             raise ConfigurationError(f"simulation: {error}") from None
-    reduced = build_reduced(scenario, folder)[1] if reduced is None else reduced
+    reduced = scenario.reduced(build_system(scenario, folder)) if reduced is None else reduced
     _check_plots(scenario, reduced)  # a misspelt plot would fail after the run
     q0, v2_0 = start = start_of(scenario, reduced)
     task = build_task(scenario, reduced)
@@ -359,7 +338,7 @@ def collected_model_warnings(show: bool) -> Iterator[list[str]]:
                 warnings.warn_explicit(each.message, each.category, each.filename, each.lineno)
 
 
-def build_plant(scenario: ScenarioFile, reduced: ReducedModel, q0: np.ndarray) -> Plant:
+def build_plant(scenario: ScenarioFile, reduced: ReducedModel, q0: np.ndarray) -> plants.Plant:
     """Build the plant of a scenario.
 
     Args:
@@ -385,15 +364,15 @@ def build_plant(scenario: ScenarioFile, reduced: ReducedModel, q0: np.ndarray) -
         # The system without contacts: the plant adds their rows while they are closed.
         args = scenario.constraints, scenario.actuators, scenario.mimic, scenario.forces
         system = NonholonomicSystem(reduced.robot, *args)
-        return ContactPlant(system, scenario.contacts, *settings.plant_options)
+        return plants.ContactPlant(system, scenario.contacts, *settings.plant_options)
 
-    def plant_of(model: ReducedModel) -> Plant:
+    def plant_of(model: ReducedModel) -> plants.Plant:
         if in_mujoco:
             assert plant is not None
-            return mujoco.MuJoCoPlant(model, plant.settings, q0)
+            return plants.mujoco.MuJoCoPlant(model, plant.settings, q0)
         if servo_time is not None:
-            return VelocityPlant(model, servo_time, settings.substeps or 1)
-        return ReducedPlant(model, *settings.plant_options)
+            return plants.VelocityPlant(model, servo_time, settings.substeps or 1)
+        return plants.ReducedPlant(model, *settings.plant_options)
 
     if faults is None:
         return plant_of(reduced)
@@ -403,10 +382,10 @@ def build_plant(scenario: ScenarioFile, reduced: ReducedModel, q0: np.ndarray) -
         true_plant = plant_of(_true_model(scenario, reduced.robot) if differs else reduced)
         if stuck is not None:
             locked = plant_of(_true_model(scenario, reduced.robot, stuck))
-            true_plant = ChangingPlant(true_plant, locked, stuck.time)
+            true_plant = plants.ChangingPlant(true_plant, locked, stuck.time)
     except RncError as error:
         raise ConfigurationError(f"faults: {error}") from None
-    return FaultyPlant(true_plant, faults.faults, reduced, scenario.seed)
+    return plants.FaultyPlant(true_plant, faults.faults, reduced, scenario.seed)
 
 
 def _check_contacts(scenario: ScenarioFile) -> None:
@@ -442,13 +421,13 @@ def _check_servos(scenario: ScenarioFile, servo_time: float | None) -> None:
         raise ConfigurationError("faults: effort is a limit of forces, and the plant takes velocities")
 
 
-def _true_model(scenario: ScenarioFile, robot: Robot, stuck: StuckJoint | None = None) -> ReducedModel:
+def _true_model(scenario: ScenarioFile, robot: Robot, stuck: plants.StuckJoint | None = None) -> ReducedModel:
     """Build the true model: the system with other masses, further forces, and a joint that is stuck."""
     # The controller keeps the nominal masses: only the plant's own robot is changed.
     robot, faults = deepcopy(robot), scenario.faults
     assert faults is not None
     if faults.masses:
-        MassErrors(faults.masses, scenario.seed).change(robot)
+        plants.MassErrors(faults.masses, scenario.seed).change(robot)
     # No outputs: a stuck joint may be one of them, and the plant needs none.
     constraints = [*scenario.constraints, *([] if stuck is None else [stuck.rows(robot)])]
     forces = [*scenario.forces, *faults.forces]

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from rnc_pin.applications.scenario.controllers import feedback
 from rnc_pin.applications.scenario.schema import ScenarioFile
-from rnc_pin.applications.scenario.schema.motions import GuessSettings, OptimalPlanner, VehiclePath
+from rnc_pin.applications.scenario.schema.motions import OptimalPlanner, VehiclePath
 from rnc_pin.array_shapes import Float
 from rnc_pin.collision import Obstacle, PairSelection
 from rnc_pin.control import SlitheringReference
@@ -162,6 +162,7 @@ class Start(NamedTuple):
     v2: np.ndarray
 
 
+_Goal = Mapping[OutputTarget, ArrayLike]
 Plans = dict[str, optimal.MotionPlan]
 """Optimal motions of a scenario and its comparisons by what they solve: equal problems are solved once."""
 
@@ -181,35 +182,42 @@ def plan_of_scenario(
     Raises:
         RncError: the settings do not fit the model, or no plan is found.
     """
+    assert scenario.planner is not None
     system = (scenario.robot, scenario.constraints, scenario.mimic, scenario.actuators, scenario.forces)
     problem = (scenario.outputs, scenario.obstacles, scenario.initial, scenario.planner, scenario.seed)
     # Comparisons differ in controllers and gains, rarely in the problem; a plan takes seconds to minutes. All of these
     # are settings, whose repr has every value.
     key = repr((system, problem, _regulator(scenario), scenario.timing.dt, scenario.timing.plant_options))
     if key not in plans:
-        plans[key] = _planned(scenario, reduced, start, obstacles)
+        with RncError.at("planner"):
+            plans[key] = _Planning(scenario, scenario.planner, reduced, start, obstacles).plan()
     return plans[key]
 
 
-def _planned(
-    scenario: ScenarioFile, reduced: ReducedModel, start: Start, obstacles: Sequence[Obstacle]
-) -> optimal.MotionPlan:
-    settings, simulation = scenario.planner, scenario.timing
-    assert settings is not None
-    names = (*reduced.reducing.names, *reduced.vertical.names)
-    kinematic = settings.form == "kinematic"
-    with RncError.at("planner"):
+@dataclass(frozen=True)
+class _Planning:
+    """Optimal motion that is to be found."""
+
+    scenario: ScenarioFile
+    settings: OptimalPlanner
+    reduced: ReducedModel
+    start: Start
+    obstacles: Sequence[Obstacle]
+
+    def plan(self) -> optimal.MotionPlan:
+        scenario, settings, reduced, start = self.scenario, self.settings, self.reduced, self.start
+        kinematic = settings.form == "kinematic"
         if kinematic and start.v2.any():  # velocities are its inputs, which jump
             raise ConfigurationError("form 'kinematic' starts with any velocity; remove 'initial.v2'")
         goal = feedback.goal_of(settings.goal, scenario.listed_outputs, reduced) or None
-        guess, duration = _first_guess(scenario, reduced, start, goal, obstacles)
+        guess, duration = self._first_guess(goal)
         return optimal.plan(
             reduced,
             start.q,
             goal,
             duration,
-            costs=list(_costs(settings, start, names)),
-            bounds=list(feedback.bounds_of(settings, reduced, obstacles, start.q, settings.accuracy)),
+            costs=list(self._costs()),
+            bounds=list(feedback.bounds_of(settings, reduced, self.obstacles, start.q, settings.accuracy)),
             limits=None if settings.limits is None else settings.limits.build(),
             settings=settings.solver,
             guess=guess,
@@ -217,10 +225,63 @@ def _planned(
             v2_0=None if kinematic else start.v2,
             **settings.values_of("form", "seeds", "solutions", "at_rest", "time_weight"),
             # A plan is verified in the loop that will run it.
-            feedback=lambda plan: _regulator(scenario).along(reduced, plan, simulation.joint_damping),
-            dt=simulation.dt,
-            plant=ReducedPlant(reduced, *simulation.plant_options),
+            feedback=lambda plan: _regulator(scenario).along(reduced, plan, scenario.timing.joint_damping),
+            dt=scenario.timing.dt,
+            plant=ReducedPlant(reduced, *scenario.timing.plant_options),
         )
+
+    def _costs(self) -> Iterator[optimal.CostKind]:
+        costs, reduced = self.settings.costs, self.reduced
+        kinds = (
+            (optimal.EffortCost, costs.effort),
+            (optimal.VelocityCost, costs.velocity),
+            (optimal.AccelerationCost, costs.acceleration),
+        )
+        yield from (kind(weight) for kind, weight in kinds if weight is not None)
+        if costs.posture is not None:
+            yield optimal.PostureCost(self.start.q, costs.posture)
+        for each in costs.outputs:
+            names = (*reduced.reducing.names, *reduced.vertical.names)
+            feedback.check_output_names("costs.outputs", each.outputs, names)
+            yield each.build()
+
+    def _first_guess(self, goal: _Goal | None) -> tuple[Way | np.ndarray | None, float | tuple[float, float]]:
+        """First guess, a way, configurations (n, nq) or None for the straight line, and the duration."""
+        settings, given = self.settings, self.settings.duration
+        duration = (given[0], given[1]) if isinstance(given, list) else given
+        if settings.type == "global":
+            assert goal is not None
+            for each in self.obstacles:
+                if each.motion is not None:
+                    text = f"obstacle '{each.name}' moves, and type 'global' searches a way in a world that stands"
+                    raise ConfigurationError(f"{text}; use type 'optimal', which follows its motion")
+            # As the bounds of the plan: null ignores obstacles, and links count if they are asked for.
+            beside = () if settings.clearance is None else self.obstacles
+            selection, clearance = PairSelection(links=settings.links), settings.clearance or 0.0
+            search = partial(find_way, selection=selection, clearance=clearance, settings=feedback.WAY_SEARCH)
+            way = search(self.reduced, self.start.q, goal, beside, seed=self.scenario.seed)
+            if duration is None:
+                duration = _SLOWER * way.duration
+            return way, duration
+        assert duration is not None
+        return self._guess(goal, float(np.mean(duration))), duration  # of a free one, the middle
+
+    def _guess(self, goal: _Goal | None, duration: float) -> np.ndarray | None:
+        """Configurations (n, nq) of the first guess; None for the straight line."""
+        guess, reduced, q = self.settings.guess, self.reduced, self.start.q
+        if guess is None:
+            return None
+        if guess.through is not None:
+            end = optimal.goal_configuration(reduced, q, goal)
+            return np.array([q, *(_with_joints(reduced.robot, q, each) for each in guess.through), end])
+        if guess.path is not None:
+            with ConfigurationError.at("guess.path"):
+                path = _car_path("reducing", guess.path, reduced, q, np.arange(reduced.r), duration)
+            return optimal.driven_configurations(reduced, q, path.reference, duration)
+        assert guess.reducing is not None
+        _, x2 = reduced.at(q).outputs()
+        motion = guess.reducing.from_start(x2, reduced.reducing.coordinates)
+        return optimal.driven_configurations(reduced, q, motion, duration)
 
 
 def _regulator(scenario: ScenarioFile) -> feedback.PlanFeedbackSettings:
@@ -252,74 +313,6 @@ def planned_path(found: optimal.MotionPlan, reduced: ReducedModel, frame: str) -
     on_ground = reduced.robot.model.joints[1].shortname() == "JointModelPlanar"  # drawn on the ground, not at a height
     kept = () if on_ground else tuple(np.round(heights, 5).tolist())
     return PlannedPath(frame, tuple((x, y, heading) for x, y, heading in rows), kept)
-
-
-def _costs(settings: OptimalPlanner, start: Start, names: Sequence[str]) -> Iterator[optimal.CostKind]:
-    costs = settings.costs
-    kinds = (
-        (optimal.EffortCost, costs.effort),
-        (optimal.VelocityCost, costs.velocity),
-        (optimal.AccelerationCost, costs.acceleration),
-    )
-    yield from (kind(weight) for kind, weight in kinds if weight is not None)
-    if costs.posture is not None:
-        yield optimal.PostureCost(start.q, costs.posture)
-    for each in costs.outputs:
-        feedback.check_output_names("costs.outputs", each.outputs, names)
-        yield each.build()
-
-
-def _first_guess(
-    scenario: ScenarioFile,
-    reduced: ReducedModel,
-    start: Start,
-    goal: Mapping[OutputTarget, ArrayLike] | None,
-    obstacles: Sequence[Obstacle],
-) -> tuple[Way | np.ndarray | None, float | tuple[float, float]]:
-    """First guess, a way, configurations (n, nq) or None for the straight line, and the duration."""
-    settings = scenario.planner
-    assert settings is not None
-    given = settings.duration
-    duration = (given[0], given[1]) if isinstance(given, list) else given
-    if settings.type == "global":
-        assert goal is not None
-        for each in obstacles:
-            if each.motion is not None:
-                text = f"obstacle '{each.name}' moves, and type 'global' searches a way in a world that stands"
-                raise ConfigurationError(f"{text}; use type 'optimal', which follows its motion")
-        # As the bounds of the plan: null ignores obstacles, and links count if they are asked for.
-        beside = () if settings.clearance is None else obstacles
-        selection, clearance, seed = PairSelection(links=settings.links), settings.clearance or 0.0, scenario.seed
-        search = partial(find_way, selection=selection, clearance=clearance, settings=feedback.WAY_SEARCH, seed=seed)
-        way = search(reduced, start.q, goal, beside)
-        if duration is None:
-            duration = _SLOWER * way.duration
-        return way, duration
-    assert duration is not None
-    return _guess(settings.guess, reduced, start, goal, float(np.mean(duration))), duration  # of a free one, the middle
-
-
-def _guess(
-    guess: GuessSettings | None,
-    reduced: ReducedModel,
-    start: Start,
-    goal: Mapping[OutputTarget, ArrayLike] | None,
-    duration: float,
-) -> np.ndarray | None:
-    """Configurations (n, nq) of the first guess; None for the straight line."""
-    if guess is None:
-        return None
-    if guess.path is not None:
-        with ConfigurationError.at("guess.path"):
-            path = _car_path("reducing", guess.path, reduced, start.q, np.arange(reduced.r), duration)
-        return optimal.driven_configurations(reduced, start.q, path.reference, duration)
-    if guess.reducing is not None:
-        _, x2 = reduced.at(start.q).outputs()
-        motion = guess.reducing.from_start(x2, reduced.reducing.coordinates)
-        return optimal.driven_configurations(reduced, start.q, motion, duration)
-    assert guess.through is not None
-    end = optimal.goal_configuration(reduced, start.q, goal)
-    return np.array([start.q, *(_with_joints(reduced.robot, start.q, each) for each in guess.through), end])
 
 
 def _with_joints(robot: Robot, q: np.ndarray, joints: Mapping[str, float | list[float]]) -> np.ndarray:

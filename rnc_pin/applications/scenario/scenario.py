@@ -16,7 +16,7 @@ import yaml
 from rnc_pin.applications.scenario.builder import (
     Experiment,
     build_experiment,
-    build_reduced,
+    build_system,
     build_task,
     collected_model_warnings,
     start_of,
@@ -159,8 +159,9 @@ class Scenario(SummaryMixin):
     def model(self) -> BuiltModel:
         """System and reduced model, with the warnings about them."""
         with RncError.at(self._label), collected_model_warnings(self.show_warnings) as told:
-            built = build_reduced(self.content, self.folder)
-        return BuiltModel(*built, tuple(told))
+            system = build_system(self.content, self.folder)
+            reduced = self.content.reduced(system)
+        return BuiltModel(system, reduced, tuple(told))
 
     @cached_property
     @nothing_to_keep()

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rnc_pin import simulation
 from rnc_pin.analysis import Grip
 from rnc_pin.applications.scenario.builder import Experiment
 from rnc_pin.applications.scenario.controllers.feedback import SetPointSettings
@@ -17,20 +18,7 @@ from rnc_pin.errors import ConfigurationError
 from rnc_pin.motion.planning import continued_back, path_distances
 from rnc_pin.motion.whole_body import InverseDynamicsQP
 from rnc_pin.motion.whole_body.limits import CollisionAvoidance
-from rnc_pin.simulation import (
-    SHORTFALL,
-    LimitReplay,
-    Outcome,
-    Summary,
-    Trajectory,
-    add_limits,
-    add_verdict,
-    distance_findings,
-    judge,
-    missed_goal_findings,
-    replay_limits,
-    summarize,
-)
+from rnc_pin.simulation import SHORTFALL, LimitReplay, Outcome, Summary, Trajectory
 from rnc_pin.verdict import Finding, FindingKind, Severity
 
 
@@ -71,10 +59,10 @@ def judged_summary(
     more = [
         *experiment.findings,
         *(_unfinished(experiment, run) if ended else ()),
-        *(missed_goal_findings(run, missed) if goals else ()),
-        *(() if replay is None else distance_findings(replay, asked, shortfall)),
+        *(simulation.missed_goal_findings(run, missed) if goals else ()),
+        *(() if replay is None else simulation.distance_findings(replay, asked, shortfall)),
     ]
-    verdict = judge(
+    verdict = simulation.judge(
         run,
         replay,
         goal_errors=errors,
@@ -84,9 +72,9 @@ def judged_summary(
         more=more,
         accepted=scenario.accept,
     )
-    add_verdict(summary, verdict)
+    simulation.add_verdict(summary, verdict)
     if replay is not None:
-        add_limits(summary, replay)
+        simulation.add_limits(summary, replay)
     gave_way = [each for each in run.info.findings if each.kind is FindingKind.LIMIT_GAVE_WAY]
     excluded = {each.where: each.amount or 0.0 for each in gave_way if each.severity is Severity.DEGRADES}
     if excluded:
@@ -110,7 +98,7 @@ def run_summary(experiment: Experiment, run: Trajectory, wall_time: float | None
         run: the run.
         wall_time: computing time [s].
     """
-    summary = summarize(run, wall_time)
+    summary = simulation.summarize(run, wall_time)
     strayed = _off_tracking(experiment, run.q)
     if strayed is not None:
         summary["off_tracking_max"] = strayed
@@ -177,7 +165,8 @@ def _replay(experiment: Experiment, run: Trajectory, asked: float | None) -> Lim
     step = max(_REPLAY_STEP, float(run.time[-1]) / _REPLAYED)
     near = asked or 0.0
     within = max(REPLAY_DISTANCE, near)
-    return replay_limits(experiment.reduced.robot, run, experiment.obstacles, step=step, within=within, exact=near)
+    robot, obstacles = experiment.reduced.robot, experiment.obstacles
+    return simulation.replay_limits(robot, run, obstacles, step=step, within=within, exact=near)
 
 
 def _grip(experiment: Experiment, run: Trajectory) -> Grip | None:

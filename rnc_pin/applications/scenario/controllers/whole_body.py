@@ -27,25 +27,7 @@ from rnc_pin.errors import RncError
 from rnc_pin.io import Strict
 from rnc_pin.model import Axes, NotNegative, OutputKind, OutputStack, Positive
 from rnc_pin.motion.planning import Reference
-from rnc_pin.motion.whole_body import InverseDynamicsQP, VelocityQP
-from rnc_pin.motion.whole_body.limits import (
-    AccelerationLimit,
-    BaseSpeedLimit,
-    CollisionAvoidance,
-    ControlLimit,
-    JointPositionLimit,
-    JointVelocityLimit,
-    RegionLimit,
-)
-from rnc_pin.motion.whole_body.tasks import (
-    BasePoseTask,
-    CenterOfMassTask,
-    ControlTask,
-    DampingTask,
-    OutputTask,
-    PostureTask,
-    SingularityTask,
-)
+from rnc_pin.motion.whole_body import InverseDynamicsQP, VelocityQP, limits, tasks
 from rnc_pin.outputs import CenterOfMass, FramePosition, FrameYaw
 
 _Weight = float | list[float]
@@ -72,7 +54,7 @@ class _FollowingTask(Strict):
         """Outputs that the reference describes."""
 
     @abstractmethod
-    def build(self, reference: Reference) -> ControlTask:
+    def build(self, reference: Reference) -> tasks.ControlTask:
         """Build the task."""
 
 
@@ -89,8 +71,8 @@ class OutputTaskSettings(_FollowingTask):
     def outputs(self) -> list[OutputKind]:
         return [self.output]
 
-    def build(self, reference: Reference) -> OutputTask:
-        return OutputTask(self.output, reference, weight=self.weight, gain=self.gain, priority=self.priority)
+    def build(self, reference: Reference) -> tasks.OutputTask:
+        return tasks.OutputTask(self.output, reference, weight=self.weight, gain=self.gain, priority=self.priority)
 
 
 class BasePoseSettings(_FollowingTask):
@@ -109,9 +91,9 @@ class BasePoseSettings(_FollowingTask):
     def outputs(self) -> list[OutputKind]:
         return [FramePosition(self.frame, "xy"), FrameYaw(self.frame)]
 
-    def build(self, reference: Reference) -> BasePoseTask:
+    def build(self, reference: Reference) -> tasks.BasePoseTask:
         given = self.frame, reference, self.lateral_gain
-        return BasePoseTask(*given, weight=self.weight, gain=self.gain, priority=self.priority)
+        return tasks.BasePoseTask(*given, weight=self.weight, gain=self.gain, priority=self.priority)
 
 
 class CenterOfMassSettings(_FollowingTask):
@@ -128,19 +110,19 @@ class CenterOfMassSettings(_FollowingTask):
     def outputs(self) -> list[OutputKind]:
         return [CenterOfMass(self.axes)]
 
-    def build(self, reference: Reference) -> CenterOfMassTask:
-        return CenterOfMassTask(reference, self.axes, weight=self.weight, gain=self.gain, priority=self.priority)
+    def build(self, reference: Reference) -> tasks.CenterOfMassTask:
+        return tasks.CenterOfMassTask(reference, self.axes, weight=self.weight, gain=self.gain, priority=self.priority)
 
 
 TaskItem = Annotated[
-    ControlTask | _FollowingTask,
+    tasks.ControlTask | _FollowingTask,
     one_of(
         output=OutputTaskSettings,
-        posture=PostureTask,
+        posture=tasks.PostureTask,
         base_pose=BasePoseSettings,
         center_of_mass=CenterOfMassSettings,
-        damping=DampingTask,
-        singularity=SingularityTask,
+        damping=tasks.DampingTask,
+        singularity=tasks.SingularityTask,
     ),
 ]
 
@@ -163,7 +145,7 @@ class CollisionSettings(Strict):
     rate: Positive = 5.0
     deceleration: Positive | None = None
 
-    def build(self, obstacles: Sequence[Obstacle], q0: np.ndarray) -> CollisionAvoidance:
+    def build(self, obstacles: Sequence[Obstacle], q0: np.ndarray) -> limits.CollisionAvoidance:
         """Limit of a robot that is free of collisions at a configuration (nq,).
 
         Args:
@@ -171,7 +153,7 @@ class CollisionSettings(Strict):
             q0: the configuration; pairs that overlap there do not count.
         """
         pairs, distances = PairSelection(links=self.links), (self.clearance, self.influence, self.rate)
-        return CollisionAvoidance(*distances, obstacles, pairs, q0, self.deceleration)
+        return limits.CollisionAvoidance(*distances, obstacles, pairs, q0, self.deceleration)
 
 
 class LimitSettings(Strict):
@@ -187,14 +169,18 @@ class LimitSettings(Strict):
             obstacles.
     """
 
-    joint_position: Annotated[JointPositionLimit, ClassReader(JointPositionLimit)] | None = JointPositionLimit()
-    joint_velocity: Annotated[JointVelocityLimit, ClassReader(JointVelocityLimit)] | None = JointVelocityLimit()
-    acceleration: Annotated[AccelerationLimit, ClassReader(AccelerationLimit)] | None = None
-    base_speed: Annotated[BaseSpeedLimit, ClassReader(BaseSpeedLimit)] | None = None
-    regions: list[Annotated[RegionLimit, ClassReader(RegionLimit)]] = []
+    joint_position: Annotated[limits.JointPositionLimit, ClassReader(limits.JointPositionLimit)] | None = (
+        limits.JointPositionLimit()
+    )
+    joint_velocity: Annotated[limits.JointVelocityLimit, ClassReader(limits.JointVelocityLimit)] | None = (
+        limits.JointVelocityLimit()
+    )
+    acceleration: Annotated[limits.AccelerationLimit, ClassReader(limits.AccelerationLimit)] | None = None
+    base_speed: Annotated[limits.BaseSpeedLimit, ClassReader(limits.BaseSpeedLimit)] | None = None
+    regions: list[Annotated[limits.RegionLimit, ClassReader(limits.RegionLimit)]] = []
     collision: CollisionSettings | None = None
 
-    def build(self, context: ControllerContext) -> list[ControlLimit]:
+    def build(self, context: ControllerContext) -> list[limits.ControlLimit]:
         """Limits of a run. Distances count by default if there are obstacles, and the robot has shapes.
 
         Args:
@@ -202,7 +188,7 @@ class LimitSettings(Strict):
         """
         items = [item for _, value in self for item in (value if isinstance(value, list) else [value])]
         # Limits are fields, so that null removes one and the order is that of the class.
-        found: list[ControlLimit] = [item for item in items if isinstance(item, ControlLimit)]
+        found: list[limits.ControlLimit] = [item for item in items if isinstance(item, limits.ControlLimit)]
         wanted, geometry = self.collision, context.reduced.robot.collision_model if context.obstacles else None
         # "Not stated" is on, null is off; a robot without shapes has no distances to keep.
         if "collision" not in self.model_fields_set and geometry is not None and len(geometry.geometryObjects):
@@ -226,20 +212,20 @@ class WholeBodySettings(ControllerSettings):
     tasks: Annotated[list[TaskItem], Field(min_length=1)]
     limits: LimitSettings = LimitSettings()
 
-    def _tasks(self, context: ControllerContext) -> list[ControlTask]:
+    def _tasks(self, context: ControllerContext) -> list[tasks.ControlTask]:
         """Build the tasks, and raise errors with their place in the file."""
-        reduced, tasks = context.reduced, list[ControlTask]()
+        reduced, found = context.reduced, list[tasks.ControlTask]()
         for index, item in enumerate(self.tasks):
             with RncError.at(f"controller.tasks.{index}"):
-                if isinstance(item, ControlTask):
+                if isinstance(item, tasks.ControlTask):
                     task = item
                 else:
                     stack = OutputStack([kind.bind(reduced.robot) for kind in item.outputs])
                     start = stack.value(reduced.at(context.q0).position)
                     task = item.build(item.reference.from_start(start, stack.coordinates))
                 task.bind(reduced)  # again in the program, but there an error would not tell which task it is
-            tasks.append(task)
-        return tasks
+            found.append(task)
+        return found
 
 
 class VelocityProgramSettings(WholeBodySettings, VelocityTrackerSettings):
@@ -255,9 +241,9 @@ class VelocityProgramSettings(WholeBodySettings, VelocityTrackerSettings):
     damping: NotNegative = 0.0
 
     def _build(self, context: ControllerContext) -> BuiltController:
-        tasks, limits = self._tasks(context), self.limits.build(context)
+        parts = self._tasks(context), self.limits.build(context)
         with RncError.at("controller.limits"):
-            program = VelocityQP(context.reduced, tasks, limits, damping=self.damping)
+            program = VelocityQP(context.reduced, *parts, damping=self.damping)
         # The whole run: tasks within limits may still move when their references have ended.
         return self.track(context, program, horizon=context.simulation.seconds)
 
@@ -281,10 +267,10 @@ class InverseDynamicsSettings(WholeBodySettings):
 
     def _build(self, context: ControllerContext) -> BuiltController:
         reduced = context.reduced
-        tasks, limits = self._tasks(context), self.limits.build(context)
+        parts = self._tasks(context), self.limits.build(context)
         with RncError.at("controller.limits"):
             settings = self.values_of("velocity_gain", "friction", "braking_time")
-            program = InverseDynamicsQP(reduced, tasks, limits, dt=context.simulation.dt, **settings)
+            program = InverseDynamicsQP(reduced, *parts, dt=context.simulation.dt, **settings)
         v2 = np.zeros(reduced.r) if context.v2_0 is None else context.v2_0
         # Each later step keeps a braking motion if the one before had one: the start has to have one.
         problem = program.braking_problem(0.0, context.q0, v2)
