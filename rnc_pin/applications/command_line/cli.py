@@ -18,7 +18,7 @@ with interruptible_imports():
     import warnings
     from collections.abc import Callable
     from pathlib import Path
-    from typing import Any, TypeAlias, TypeVar
+    from typing import Any, NoReturn, TypeAlias, TypeVar
 
     import click
     from click.shell_completion import CompletionItem
@@ -287,37 +287,34 @@ def main() -> None:
     # At a second call in one process the imports are done already.
     started = _STARTED.pop() if _STARTED else time.perf_counter()
     if sys.stdout is None:  # the next file that is opened would take its place
-        complain("standard output is closed: redirect it, e.g. to /dev/null")
-        sys.exit(USAGE)
+        _end(USAGE, "standard output is closed: redirect it, e.g. to /dev/null")
     try:
         with endings_as_ctrl_c(), told_warnings():
             # Not standalone: Click would print errors in its own form, and end the process itself.
             status = cli.main(standalone_mode=False, obj=started)
             sys.stdout.flush()
     except click.exceptions.Abort:
-        complain("interrupted")
-        sys.exit(FAILED)
+        _end(FAILED, "interrupted")
     except click.UsageError as error:
         command = error.ctx.command_path if error.ctx else "rnc-pin"
-        complain(f"{' '.join(error.format_message().split()).rstrip('.')} (see '{command} --help')")
-        sys.exit(USAGE)
+        _end(USAGE, f"{' '.join(error.format_message().split()).rstrip('.')} (see '{command} --help')")
     except click.ClickException as error:
-        complain(error.format_message())
-        sys.exit(USAGE)
-    except RncError as error:
-        if "--debug" in sys.argv:
-            traceback.print_exc()
-        complain(str(error))
-        sys.exit(USAGE)
+        _end(USAGE, error.format_message())
     except BrokenPipeError:  # the reader of the pipe has closed it
         sys.stderr.close()
         sys.exit(FAILED)
     except Exception as error:
         if "--debug" in sys.argv:
             traceback.print_exc()
-        complain(_unexpected(error))
-        sys.exit(FAILED)
+        if isinstance(error, RncError):
+            _end(USAGE, str(error))
+        _end(FAILED, _unexpected(error))
     sys.exit(status if isinstance(status, int) else DONE)
+
+
+def _end(status: int, message: str) -> NoReturn:
+    complain(message)
+    sys.exit(status)
 
 
 def _unexpected(error: Exception) -> str:

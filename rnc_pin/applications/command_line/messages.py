@@ -8,7 +8,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TextIO
+from typing import Any
 
 import click
 
@@ -98,16 +98,9 @@ def told_warnings() -> Iterator[None]:
     with warnings.catch_warnings():
         usual = warnings.showwarning
 
-        def tell(
-            message: Warning | str,
-            category: type[Warning],
-            filename: str,
-            lineno: int,
-            file: TextIO | None = None,
-            line: str | None = None,
-        ) -> None:
+        def tell(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
             if not issubclass(category, ModelWarning):
-                usual(message, category, filename, lineno, file, line)
+                usual(message, category, *place, **more)
             elif str(message) not in told:
                 told.add(str(message))
                 warn(str(message))

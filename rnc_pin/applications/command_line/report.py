@@ -27,13 +27,13 @@ class ProgressBar:
     """Progress bar on stderr; its context yields an ``Advance`` callback.
 
     Args:
-        console: console of the bar.
         total: value at 100 %.
         text: current activity. Without a terminal this line is printed, and one each minute.
         quiet: print nothing.
     """
 
-    def __init__(self, console: Console, total: float, text: str, quiet: bool) -> None:
+    def __init__(self, total: float, text: str, quiet: bool) -> None:
+        console = Console(stderr=True)
         # A log has no bar: one line says what takes the time.
         if not console.is_terminal:
             messages.announce(text, quiet)
@@ -217,7 +217,7 @@ def keep_run(scenario: Scenario, result: Result, target: OutputFolder, as_json: 
         names = picture_names(scenario)
         text = f"{scenario.name}: drawing {len(names)} pictures"
         # Pictures come last: results are in place even if drawing is interrupted.
-        with target.writing() as fresh, ProgressBar(Console(stderr=True), len(names), text, as_json) as bar:
+        with target.writing() as fresh, ProgressBar(len(names), text, as_json) as bar:
             drawn = draw_pictures(scenario, result, fresh, bar)
         target.keep()
     except RncError as error:  # the scenario is valid, but its results cannot be written

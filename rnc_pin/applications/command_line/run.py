@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TypedDict, Unpack
 
-from rich.console import Console
-
 from rnc_pin.applications.command_line.messages import FAILED, announce, told_each_minute, warn
 from rnc_pin.applications.command_line.report import ProgressBar, keep_run, report_run
 from rnc_pin.applications.scenario.execution import Result, data_names, execute
@@ -82,5 +80,5 @@ def _executed(prepared: Scenario, live: Observer | None, quiet: bool) -> Result:
     count = len(prepared.comparisons)
     others = f" and {count} comparison{'s'[: count != 1]}" if count else ""
     text = f"{prepared.name}: simulating {prepared.duration:g} s{others}"
-    with ProgressBar(Console(stderr=True), prepared.total_duration, text, quiet) as advance:
+    with ProgressBar(prepared.total_duration, text, quiet) as advance:
         return execute(prepared, live, advance)

@@ -6,7 +6,6 @@ from itertools import islice
 from pathlib import Path
 
 import click
-from rich.console import Console
 
 from rnc_pin.applications.command_line.messages import DONE, FAILED, complain, print_json
 from rnc_pin.applications.command_line.report import ProgressBar, print_object
@@ -33,7 +32,7 @@ def sweep_scenario(
         force: True to replace another sweep.
     """
     chosen = parse_options(options)
-    bar = ProgressBar(Console(stderr=True), runs, f"{scenario} x {runs}", quiet=as_json)
+    bar = ProgressBar(runs, f"{scenario} x {runs}", quiet=as_json)
     reached = 0
     try:
         with bar as advance:

@@ -221,17 +221,20 @@ def drive(
     error: RncError | None = None
     with np.errstate(over="ignore", invalid="ignore"):  # values of diverged runs overflow
         run = SampledRun(arguments)
-        observe = _observer(prepared, run, queue, clock, watcher)
 
         def advance(progress: Progress) -> str | None:
+            due = 0.0
             for sample in count():
                 if clock is not None:
                     clock.wait(run.time)
                 commands = [] if queue is None else queue.take()
                 prepared.log.extend(LoggedCommand(sample, command) for command in commands)
                 found = run.sample(progress)
-                if observe is not None:
-                    observe(found)
+                if watcher is not None:
+                    # Not in each sample: a status costs kinematics, and nobody reads a hundred in a second.
+                    is_due = found.time >= due
+                    due = found.time + _STATUS if is_due else due
+                    watcher.show(found, _status(prepared, run, found, queue, clock) if is_due else None)
                 # Before the plant moves: the record ends at the sample of the command.
                 if any(isinstance(each, EndRun) for each in commands) or sample + 1 == samples:
                     break
@@ -250,36 +253,20 @@ def drive(
     return Result(trajectory, summary, error, {}, limits)
 
 
-def _observer(
-    prepared: PreparedDrive,
-    run: SampledRun,
-    queue: CommandQueue | None,
-    clock: RealTimeClock | None,
-    watcher: DriveWatcher | None,
-) -> Callable[[Sample], None] | None:
-    """Function that passes a sample to the page, with a status if it is due."""
-    if watcher is None:
-        return None
+def _status(
+    prepared: PreparedDrive, run: SampledRun, sample: Sample, queue: CommandQueue | None, clock: RealTimeClock | None
+) -> DriveStatus:
+    """Status of a run at its last sample."""
     controls, reduced = prepared.controls, prepared.scenario.experiment.reduced
-    due = [0.0]
+    state = drive_state_of(run.loop.state.controller)
+    position = reduced.at(sample.measurement.q).position
     names = [*controls.frames, *(() if controls.base is None else (controls.base.frame,))]
-
-    def observe(sample: Sample) -> None:
-        status = None
-        if sample.time >= due[0]:
-            # Not in each sample: a status costs kinematics, and nobody reads a hundred in a second.
-            due[0] = sample.time + _STATUS
-            state = drive_state_of(run.loop.state.controller)
-            position = reduced.at(sample.measurement.q).position
-            points = {name: np.array(position.placement(reduced.robot.frame_id(name)).translation) for name in names}
-            status = DriveStatus(
-                sample.time,
-                1.0 if clock is None else clock.factor,
-                state.goals,
-                prepared.controller.program.report(state.program),
-                goal_distances(controls, state.goals, points),
-                "" if queue is None else queue.refused,
-            )
-        watcher.show(sample, status)
-
-    return observe
+    points = {name: np.array(position.placement(reduced.robot.frame_id(name)).translation) for name in names}
+    return DriveStatus(
+        sample.time,
+        1.0 if clock is None else clock.factor,
+        state.goals,
+        prepared.controller.program.report(state.program),
+        goal_distances(controls, state.goals, points),
+        "" if queue is None else queue.refused,
+    )

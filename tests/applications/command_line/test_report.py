@@ -3,7 +3,6 @@
 import time
 
 import pytest
-from rich.console import Console
 
 from rnc_pin.applications.command_line import messages
 from rnc_pin.applications.command_line.report import ProgressBar
@@ -12,7 +11,7 @@ from rnc_pin.applications.command_line.report import ProgressBar
 @pytest.mark.parametrize("quiet", [False, True])
 def test_a_log_gets_a_line_each_minute(quiet, monkeypatch, capsys):
     monkeypatch.setattr(messages, "_MINUTE", 0.02)
-    with ProgressBar(Console(stderr=True), 10.0, "driving", quiet) as advance:
+    with ProgressBar(10.0, "driving", quiet) as advance:
         advance(4.0, "driving")
         time.sleep(0.5)
     first, *lines = capsys.readouterr().out.splitlines() or [""]

@@ -28,6 +28,7 @@ from rnc_pin.io import Strict
 from rnc_pin.model import Axes, NotNegative, OutputKind, OutputStack, Positive
 from rnc_pin.motion.planning import Reference
 from rnc_pin.motion.whole_body import InverseDynamicsQP, VelocityQP, limits, tasks
+from rnc_pin.motion.whole_body.tasks import ControlTask
 from rnc_pin.outputs import CenterOfMass, FramePosition, FrameYaw
 
 _Weight = float | list[float]
@@ -54,7 +55,7 @@ class _FollowingTask(Strict):
         """Outputs that the reference describes."""
 
     @abstractmethod
-    def build(self, reference: Reference) -> tasks.ControlTask:
+    def build(self, reference: Reference) -> ControlTask:
         """Build the task."""
 
 
@@ -115,7 +116,7 @@ class CenterOfMassSettings(_FollowingTask):
 
 
 TaskItem = Annotated[
-    tasks.ControlTask | _FollowingTask,
+    ControlTask | _FollowingTask,
     one_of(
         output=OutputTaskSettings,
         posture=tasks.PostureTask,
@@ -212,12 +213,12 @@ class WholeBodySettings(ControllerSettings):
     tasks: Annotated[list[TaskItem], Field(min_length=1)]
     limits: LimitSettings = LimitSettings()
 
-    def _tasks(self, context: ControllerContext) -> list[tasks.ControlTask]:
+    def _tasks(self, context: ControllerContext) -> list[ControlTask]:
         """Build the tasks, and raise errors with their place in the file."""
-        reduced, found = context.reduced, list[tasks.ControlTask]()
+        reduced, found = context.reduced, list[ControlTask]()
         for index, item in enumerate(self.tasks):
             with RncError.at(f"controller.tasks.{index}"):
-                if isinstance(item, tasks.ControlTask):
+                if isinstance(item, ControlTask):
                     task = item
                 else:
                     stack = OutputStack([kind.bind(reduced.robot) for kind in item.outputs])
