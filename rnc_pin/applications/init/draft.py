@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -28,7 +27,8 @@ from rnc_pin.applications.init.trial import Trial
 from rnc_pin.applications.init.wheel_detection import Wheel, WheelSearch
 from rnc_pin.applications.init.wheel_layout import WheelLayout, classify_wheels
 from rnc_pin.applications.init.wheeled_base import knife_edge_base, wheeled_base
-from rnc_pin.errors import ConfigurationError, ModelError, ModelWarning, RncError, few, warn
+from rnc_pin.applications.scenario.builder import collected_model_warnings
+from rnc_pin.errors import ConfigurationError, ModelError, RncError, few, warn
 from rnc_pin.verdict import Finding, FindingKind
 
 
@@ -219,50 +219,42 @@ def _tried(name: str, folder: Path, choices: DraftOptions, decided: Iterable[Dra
     failures: list[str] = []
     first: RncError | None = None
     best: _Draft | None = None
-    with warnings.catch_warnings(record=True) as heard:
-        warnings.simplefilter("always")  # once for each place would hide those of the next candidate
+    with collected_model_warnings(show=False) as heard:
         source = Source(name, folder, choices)
         evidence = _evidence(source)
-        for kind in (each for each in BASE_KINDS if each.fits(evidence)):
-            mobility: BaseAssumptions | None = None
-            begun = len(heard)
-            try:
+    for kind in (each for each in BASE_KINDS if each.fits(evidence)):
+        mobility: BaseAssumptions | None = None
+        try:
+            with collected_model_warnings(show=False) as said:  # those of rejected candidates are not of interest
                 mobility = kind.draft(evidence)
                 evidence.complete(mobility)
                 attempt = ScenarioCandidate(mobility, source, evidence.at_start, folder)
                 mobility.notes += [*source.remarks, *failures]
                 mobility.decisions += decided
                 scenario = DraftedScenario(attempt.written(), tuple(mobility.decisions))
-            except RncError as error:
-                first = first or error
-                # Kinds of bases often fail for one reason, such as a joint without mass.
-                if not any(str(error) in each for each in failures):
-                    failures.append(f"not '{mobility.kind}', which does not run: {error}" if mobility else str(error))
-                if kind.is_last:
-                    break
-                continue
-            finally:
-                said = _messages(heard[begun:])  # kept beside the draft, if it is taken
-                del heard[begun:]  # those of rejected candidates are not of interest
-            verdict = attempt.trial.verdict
-            if best is None or attempt.trial.rank < best.trial.rank:
-                best = _Draft(scenario, attempt.trial, said)
-            if verdict.succeeded:
+        except RncError as error:
+            first = first or error
+            # Kinds of bases often fail for one reason, such as a joint without mass.
+            if not any(str(error) in each for each in failures):
+                failures.append(f"not '{mobility.kind}', which does not run: {error}" if mobility else str(error))
+            if kind.is_last:
                 break
-            failures.append(f"not '{mobility.kind}': {verdict.first}")
+            continue
+        verdict = attempt.trial.verdict
+        if best is None or attempt.trial.rank < best.trial.rank:
+            best = _Draft(scenario, attempt.trial, said)
+        if verdict.succeeded:
+            break
+        failures.append(f"not '{mobility.kind}': {verdict.first}")
     called = evidence.at_start.robot.name or source.name
     if best is not None:
         doubts = "; ".join(best.trial.doubts)
         doubted = [f"'{called}' is drafted, but {doubts}: CHECK the draft"] if doubts else []
-        return best._replace(warnings=[*_messages(heard), *best.warnings, *doubted])
+        return best._replace(warnings=[*heard, *best.warnings, *doubted])
     if choices.base and isinstance(first, ModelError):
         raise first  # the file cannot have the base that the user asked for
     hint = "lock joints with --lock JOINT, or choose the base with --base"
     raise ConfigurationError(f"no scenario can be drafted for '{called}': {failures[0]}; {hint}")
-
-
-def _messages(heard: Iterable[warnings.WarningMessage]) -> list[str]:
-    return [str(each.message) for each in heard if issubclass(each.category, ModelWarning)]
 
 
 def _evidence(source: Source) -> BaseEvidence:

@@ -12,7 +12,7 @@ import numpy as np
 
 from rnc_pin.analysis import Exploration, Use, default_candidates, explore, short_names, tip_positions
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.errors import ConfigurationError, RncError, SingularityError, nearest
+from rnc_pin.errors import ConfigurationError, RncError, SingularityError, place_of
 from rnc_pin.io import Json, to_json_mapping
 from rnc_pin.model import OutputKind, OutputStack, heading_of
 from rnc_pin.outputs import CenterOfMass, FramePosition, FrameSpeed, FrameYaw, JointPosition, velocity_outputs
@@ -267,10 +267,8 @@ def _known_outputs(scenario: Scenario) -> dict[str, OutputKind]:
 
 def _kinds(known: Mapping[str, OutputKind], names: Iterable[str]) -> list[OutputKind]:
     """Outputs of these names."""
-    for name in names:
-        if name not in known:
-            raise ConfigurationError(f"no output '{name}'{nearest(name, known)}")
-    return list(dict.fromkeys(known[name] for name in names))
+    kinds = [*known.values()]
+    return list(dict.fromkeys(kinds[place_of(name, [*known], "no output")] for name in names))
 
 
 def _entries(kinds: Iterable[OutputKind]) -> list[dict[str, object]]:

@@ -169,7 +169,7 @@ class ScenarioCandidate:
 
         If no motion keeps them, the usual one stays.
         """
-        trial = usual = replace(self._try_out(self._scenario(chosen, settings)), share=self._share)
+        trial = usual = self._try_out(chosen, settings)
         most, least_share = 3, 0.05  # number of smaller motions that are tried, and the smallest share of the usual one
         for _ in range(most):
             # Less than a twentieth of the motion would show nothing of the robot.
@@ -178,7 +178,7 @@ class ScenarioCandidate:
             # Rounded down to percents, which the file states.
             self._reduce_motion(math.floor(100 * self._share * trial.kept_share) / 100)
             try:
-                trial = replace(self._try_out(self._scenario(chosen, settings)), share=self._share)
+                trial = self._try_out(chosen, settings)
             except RncError:
                 break
         if trial.kept_share == 1.0:
@@ -191,8 +191,9 @@ class ScenarioCandidate:
         self._share = share
         self.q0 = self._assembled_start()
 
-    def _try_out(self, raw: dict[str, Json]) -> Trial:
+    def _try_out(self, chosen: assumptions.ChosenOutputs, settings: Mapping[str, Json]) -> Trial:
         """Build the scenario with its preflight and run it: briefly, then as far as the computing time permits."""
+        raw = self._scenario(chosen, settings)
         experiment = build_experiment(validate(raw, "draft"), self.folder)
         # A tenth of a second first: it tells the speed of this robot, and most failures.
         result, taken = self._run(raw, experiment, _SHORT)
@@ -206,7 +207,7 @@ class ScenarioCandidate:
         found = run_findings(trial, trajectory, replace(mobility, travel=mobility.travel * steps_share), self.robot)
         at_rest = mobility.lean is None and not mobility.v2
         kept = 1.0 if result.limits is None else kept_share(trajectory, result.limits, at_rest=at_rest)
-        return replace(trial, findings=(*found, *experiment.start_findings), kept_share=kept)
+        return replace(trial, findings=(*found, *experiment.start_findings), kept_share=kept, share=self._share)
 
     def _run(self, raw: dict[str, Json], experiment: Experiment, duration: float) -> tuple[Result, float]:
         """Run a part of an experiment; return the result and the processor time of its samples [s]."""

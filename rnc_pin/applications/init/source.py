@@ -19,7 +19,7 @@ from rnc_pin.applications.init.robot_at_start import GEOMETRY, PLACED, FileNames
 from rnc_pin.applications.scenario.files import urdf_path
 from rnc_pin.applications.scenario.schema.scenario import admitted
 from rnc_pin.applications.scenario.schema.world import RobotSource
-from rnc_pin.errors import ModelError, nearest
+from rnc_pin.errors import ModelError, nearest, place_of
 from rnc_pin.io import Json
 from rnc_pin.robots import Massless, Robot, UselessInertia, example_urdfs, mass_of_box, shipped_directory
 from rnc_pin.robots.sources import Packages, parse_urdf, parse_xml, read_number
@@ -193,8 +193,7 @@ class Source:
         options = self.options
         for option, joints in (("driven", options.driven), ("passive", options.passive)):
             for joint in joints:
-                if joint not in robot.joint_names:
-                    raise ModelError(f"--{option} {joint}: no joint '{joint}'{nearest(joint, robot.joint_names)}")
+                place_of(joint, robot.joint_names, f"--{option} {joint}: no joint", ModelError)
         single = robot.single_joint_names
         efforts = {name: effort_limit(robot, name) for name in single}
         if self._urdf is None:  # an MJCF: only joints with an actuator have an effort, without a limit an infinite one

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping
 from copy import deepcopy
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -179,26 +180,28 @@ def with_options(raw: Mapping[str, Json], options: Mapping[str, Json]) -> dict[s
     """
     result = deepcopy(dict(raw))
     for key, value in options.items():
-        where: object = result
-        parts = key.split(".")
-        for depth, part in enumerate(parts):
-            last = depth == len(parts) - 1
-            if isinstance(where, list):
-                # isdecimal alone takes other scripts, and int takes "-1", which would count from the end.
-                if not (part.isascii() and part.isdecimal()) or int(part) >= len(where):
-                    raise ConfigurationError(f"{key}: '{part}' is not an index into a list of {len(where)}")
-                if last:
-                    where[int(part)] = value
-                else:
-                    where = where[int(part)]
-            elif isinstance(where, dict):
-                if last:
-                    where[part] = value
-                else:  # a part that the file omits may be set: the schema checks the result
-                    where = where.setdefault(part, {})
-            else:
-                raise ConfigurationError(f"{key}: '{parts[depth - 1]}' is {short_text(where)}, not a mapping or a list")
+        where: Any = result
+        before = ""
+        *parents, last = key.split(".")
+        for part in parents:
+            place = _place(where, part, key, before)
+            # A part that the file omits may be set: the schema checks the result.
+            where = where.setdefault(place, {}) if isinstance(where, dict) else where[place]
+            before = part
+        where[_place(where, last, key, before)] = value
     return result
+
+
+def _place(where: object, part: str, key: str, before: str) -> Any:
+    """Key of a mapping, or index into a list, that a part of a dotted key means."""
+    if isinstance(where, dict):
+        return part
+    if not isinstance(where, list):
+        raise ConfigurationError(f"{key}: '{before}' is {short_text(where)}, not a mapping or a list")
+    # isdecimal alone takes other scripts, and int takes "-1", which would count from the end.
+    if not (part.isascii() and part.isdecimal()) or int(part) >= len(where):
+        raise ConfigurationError(f"{key}: '{part}' is not an index into a list of {len(where)}")
+    return int(part)
 
 
 def mapping_of(value: object) -> dict[str, Json]:

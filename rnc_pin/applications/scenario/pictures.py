@@ -90,15 +90,6 @@ def draw_pictures(
     return Drawn(written, failures)
 
 
-def _writer(name: str) -> Callable[[Scenario, Result, Path], bool]:
-    """Function that writes a file of this name, after the import of what it draws with."""
-    if name == ANIMATION:
-        import_module("rnc_pin.visualization.recording")
-        return write_animation
-    import_module("rnc_pin.visualization.plots")
-    return _write_plot
-
-
 def _drawn(scenario: Scenario, result: Result, path: Path) -> bool | str:
     """Write a picture. Return False if there is nothing to draw, and the error if it fails.
 
@@ -106,9 +97,11 @@ def _drawn(scenario: Scenario, result: Result, path: Path) -> bool | str:
         KeyboardInterrupt: the user interrupted it.
     """
     try:
-        write = _writer(path.name)  # not interruptible: C libraries turn Ctrl-C during imports into their own errors
+        is_page = path.name == ANIMATION
+        # Not interruptible: C libraries turn Ctrl-C during imports into their own errors.
+        import_module(f"rnc_pin.visualization.{'recording' if is_page else 'plots'}")
         with interruptible(), np.errstate(over="ignore", invalid="ignore"):  # values of diverged runs overflow
-            return write(scenario, result, path)
+            return (write_animation if is_page else _write_plot)(scenario, result, path)
     except KeyboardInterrupt:
         path.unlink(missing_ok=True)  # it is half a picture
         raise
@@ -157,13 +150,10 @@ def _write_plot(scenario: Scenario, result: Result, path: Path) -> bool:
 
 
 def _overview(part: slice, scenario: Scenario, result: Result, path: Path) -> bool:
-    from rnc_pin.figures import save
-    from rnc_pin.simulation import plot_run
-
     content = scenario.content
-    figure = plot_run(result.trajectory, None, content.title, {}, None, content.figures.labels, None, part)
+    figure = simulation.plot_run(result.trajectory, None, content.title, {}, None, content.figures.labels, None, part)
     if figure.axes:
-        save(figure, path)
+        figures.save(figure, path)
     return bool(figure.axes)
 
 

@@ -36,7 +36,7 @@ from rnc_pin.applications.sweep.runs import (
     is_result_column,
     with_options_of_sweeps,
 )
-from rnc_pin.errors import ConfigurationError, InputError, nearest, short_text
+from rnc_pin.errors import ConfigurationError, InputError, place_of, short_text
 from rnc_pin.io import LARGEST, TEMPORARY_PREFIX, Json, atomic_file, dump_json, open_regular, read_bytes
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin, counted
 
@@ -357,8 +357,7 @@ class SweepResults(SummaryMixin):
         return [name for name in self.columns if not is_result_column(name)]
 
     def __getitem__(self, column: str) -> np.ndarray:
-        if column not in self.columns:
-            raise InputError(f"no column '{column}'{nearest(column, self.columns)}")
+        place_of(column, self.columns, "no column", InputError)
         values = [row.get(column) for row in self._rows]
         kinds = {type(value) for value in values}
         if kinds in ({int}, {bool}):

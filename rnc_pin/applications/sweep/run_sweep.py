@@ -149,14 +149,11 @@ def _source(
             raise ConfigurationError("options: those of a scenario; a function takes values from its draws")
         return FunctionRuns(build, None if draws is None else _stated(draws)), describe_function(build)
     scenario, shared = str(build), to_json_mapping(options or {}, "options")
-    if draws is None:
-        runs = ScenarioRuns(scenario, shared, None)
-        return runs, describe_scenario(scenario, shared, runs.files_read())
-    if draws.distributions is not None:
+    if draws is not None and draws.distributions is not None:
         shared["sweep"] = to_json_mapping(draws.distributions, "distributions")
-    if draws.seed is not None:
+    if draws is not None and draws.seed is not None:
         shared["seed"] = draws.seed
-    runs = ScenarioRuns(scenario, shared, draws_of(scenario, shared))
+    runs = ScenarioRuns(scenario, shared, None if draws is None else draws_of(scenario, shared))
     return runs, describe_scenario(scenario, shared, runs.files_read())
 
 

@@ -20,7 +20,7 @@ from rnc_pin.applications.scenario.schema.derived import ReadAs
 from rnc_pin.errors import nearest
 from rnc_pin.io import Json, Strict, wrong
 
-__all__ = ["TYPES", "ControllerContext", "ControllerItem", "read_by", "without_foreign_gains"]
+__all__ = ["TYPES", "ControllerContext", "ControllerItem", "without_foreign_gains"]
 
 
 def _types(base: type[Strict]) -> Iterator[tuple[str, type[Strict]]]:
@@ -74,16 +74,6 @@ ControllerItem = Annotated[
 ]
 
 
-def read_by(kind: str, controller: Mapping[str, Json]) -> dict[str, Json]:
-    """Settings of a controller that a type reads, and unknown ones.
-
-    Args:
-        kind: the type.
-        controller: mapping of a controller in a file.
-    """
-    return {key: value for key, value in controller.items() if not (types := owners(key)) or kind in types}
-
-
 def without_foreign_gains(raw: Mapping[str, Json], changes: Mapping[str, Json]) -> Mapping[str, Json]:
     """Scenario whose controller has no settings that a comparison's other type of controller does not read.
 
@@ -95,4 +85,6 @@ def without_foreign_gains(raw: Mapping[str, Json], changes: Mapping[str, Json]) 
     # Only where the type changes: other wrong settings are mistakes, which the check has to find.
     if not isinstance(controller, Mapping) or not isinstance(kind, str) or kind not in TYPES:
         return raw
-    return {**raw, "controller": read_by(kind, controller)}
+    # What no type reads is a misspelling, which the check has to find, too.
+    read = {key: value for key, value in controller.items() if not (types := owners(key)) or kind in types}
+    return {**raw, "controller": read}

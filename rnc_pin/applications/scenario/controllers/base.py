@@ -19,7 +19,7 @@ from rnc_pin.analysis import Grip
 from rnc_pin.applications.scenario.schema.run_settings import SimulationSettings
 from rnc_pin.collision import Obstacle
 from rnc_pin.control import Controller, KinematicController, SlitheringReference, VelocityQP, VelocityTarget
-from rnc_pin.errors import ConfigurationError, InfeasibleError, nearest
+from rnc_pin.errors import ConfigurationError, InfeasibleError, place_of
 from rnc_pin.io import Json, Numbers, Strict, wrong
 from rnc_pin.model import Measurement, NotNegative, OutputKind, Positive, ReducedModel, Task
 from rnc_pin.motion.optimal import MotionPlan
@@ -130,12 +130,9 @@ def reduced_velocity(reduced: ReducedModel, rates: Mapping[str, float], key: str
     Raises:
         ConfigurationError: no reducing output has this name.
     """
-    names = reduced.reducing.names
     v2 = np.zeros(reduced.r)
     for name, rate in rates.items():
-        if name not in names:
-            raise ConfigurationError(f"{key}: no reducing output '{name}'{nearest(name, names)}")
-        v2[names.index(name)] = rate
+        v2[place_of(name, reduced.reducing.names, f"{key}: no reducing output")] = rate
     return v2
 
 
@@ -304,8 +301,8 @@ Unknown = Annotated[
 ]
 
 
-def sized_gain(name: str, value: Gain | np.ndarray, size: int) -> float | np.ndarray:
-    """Return a gain after a check of its length.
+def sized_gain(name: str, value: Gain | None, size: int) -> float | np.ndarray | None:
+    """Return a gain that the settings give after a check of its length; None for others.
 
     Args:
         name: name of the setting, for messages.
@@ -319,16 +316,6 @@ def sized_gain(name: str, value: Gain | np.ndarray, size: int) -> float | np.nda
     if isinstance(value, list) and len(value) != size:
         raise ConfigurationError(f"controller.{name}: {len(value)} values for {size} outputs")
     return np.array(value) if isinstance(value, list) else value
-
-
-def sized_gains(size: int, **given: Gain | None) -> dict[str, float | np.ndarray | None]:
-    """Return gains that the settings give, by name, after a check of their lengths; None for others.
-
-    Args:
-        size: number of outputs.
-        **given: gains by name.
-    """
-    return {name: None if value is None else sized_gain(name, value, size) for name, value in given.items()}
 
 
 class ControllerSettings(Strict):

@@ -25,7 +25,7 @@ from rnc_pin.applications.scenario.schema.kinds import OutputItem
 from rnc_pin.applications.scenario.schema.motions import FileLimitSettings, Limits, MotionProblem, WeightSetting
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
 from rnc_pin.control import ActuatorVelocityController, Controller, KinematicController, StateFeedback
-from rnc_pin.errors import ConfigurationError, RncError, nearest
+from rnc_pin.errors import ConfigurationError, RncError, place_of
 from rnc_pin.io import wrong
 from rnc_pin.model import NotNegative, OutputKind, Positive, ReducedModel
 from rnc_pin.motion import optimal
@@ -112,8 +112,7 @@ def check_output_names(key: str, given: Iterable[str], names: Sequence[str]) -> 
         ConfigurationError: a name is unknown.
     """
     for name in given:
-        if name not in names:
-            raise ConfigurationError(f"{key}: no output '{name}'{nearest(name, names)}")
+        place_of(name, names, f"{key}: no output")
 
 
 def near_singular(what: str, reduced: ReducedModel, q: np.ndarray) -> tuple[str, ...]:

@@ -18,7 +18,6 @@ from rnc_pin.applications.scenario.controllers.base import (
     Gain,
     check_motion,
     sized_gain,
-    sized_gains,
 )
 from rnc_pin.applications.scenario.schema.motions import Pose
 from rnc_pin.errors import ConfigurationError
@@ -76,13 +75,14 @@ class JacobianTransposeSettings(ControllerSettings):
 
     def _build(self, context: ControllerContext) -> BuiltController:
         task, reduced, outputs = context.task, context.reduced, context.task.primary
-        own = self.values_of("k1", "k2", "gamma", "beta", "sigma")
+        given = self.values_of("k1", "k2", "gamma", "beta", "sigma")
         with ConfigurationError.at("controller"):
+            own = {name: sized_gain(name, value, len(outputs)) for name, value in given.items()}
             gains = control.design_position_gains(
                 partial(control.effective_inertia, reduced, outputs=outputs, active=self.active),
                 context.q0,  # undriven outputs drift, so the region of motion is unknown
                 context.simulation.dt,
-                control.GainDesign(self.preset, overrides=sized_gains(len(outputs), **own)),
+                control.GainDesign(self.preset, overrides=own),
             )
         tracker = control.PositionTracker(context.primary, gains, outputs=outputs, angular=task.primary_coordinates)
         return BuiltController(control.JacobianTransposeController(reduced, tracker, self.active))
@@ -134,7 +134,7 @@ class TwoPhaseSettings(AdaptationSettings):
         """Gains of the hand's tracker and of the platform's tracker, from the inertia at the initial configuration."""
         reduced, primary, redundant = context.reduced, context.task.primary, context.task.redundant
         start, dt = context.q0[None], context.simulation.dt  # the path of the platform is not known before the run
-        dead_zone = sized_gains(reduced.r, dead_zone=self.dead_zone)["dead_zone"]
+        dead_zone = sized_gain("dead_zone", self.dead_zone, reduced.r)
         design = control.GainDesign(self.preset, delay=self.delay)
         still = dead_zone[redundant] if isinstance(dead_zone, np.ndarray) else dead_zone
         driven = replace(design, adaptation=self.adaptation, overrides={"dead_zone": still})
@@ -191,18 +191,18 @@ class VelocityTrackerSettings(AdaptationSettings):
         margins, complaints = check_motion(context, kinematic, task, horizon)
         built = partial(BuiltController, warnings=complaints)
         if self.tracker == "computed_torque":
-            k = {} if self.k is None else {"k": sized_gain("k", self.k, reduced.r)}
-            return built(control.ComputedTorque(reduced, kinematic, **k))
+            k = sized_gain("k", self.k, reduced.r)
+            return built(control.ComputedTorque(reduced, kinematic, **({} if k is None else {"k": k})))
         if self.tracker == "velocity":
             with ConfigurationError.at("controller"):
                 return built(control.ActuatorVelocityController(reduced, kinematic))
         # The results of a run are useful even if it ends in a singular configuration.
         region, times = (margins.q, margins.time) if margins.singular is None else (q0[None], None)
         # Gains for the inertia along the whole motion: those for the start would be unstable where H is small.
-        own = {"k": self.k, "beta": self.beta, "sigma": self.sigma, "dead_zone": self.dead_zone}
+        given, rates = self.values_of("k", "beta", "sigma", "dead_zone"), (self.bandwidth, self.adaptation, self.delay)
         with ConfigurationError.at("controller"):
-            rates, gains = (self.bandwidth, self.adaptation, self.delay), sized_gains(reduced.r, **own)
-            design = control.GainDesign(self.preset, *rates, overrides=gains)
+            own = {name: sized_gain(name, value, reduced.r) for name, value in given.items()}
+            design = control.GainDesign(self.preset, *rates, overrides=own)
             designed = control.design_velocity_gains(reduced, region, context.simulation.dt, design, times=times)
         return built(control.VelocityTracker(kinematic, designed, self.holding_force(context)))
 
@@ -210,8 +210,11 @@ class VelocityTrackerSettings(AdaptationSettings):
     def velocity_command(self) -> str:
         return "tracker: 'velocity'" if self.tracker == "velocity" else ""
 
-    def _k21(self, task: Task) -> float | np.ndarray:
-        return sized_gain("k21", self.outer.k21 if self.k21 is None else self.k21, len(task.primary))
+    def _outer_gain(self, name: str, size: int) -> float | np.ndarray:
+        """Gain that the settings give, or that of the preset."""
+        given = sized_gain(name, getattr(self, name), size)
+        usual: float = getattr(self.outer, name)
+        return usual if given is None else given
 
     @model_validator(mode="after")
     def _check_tracker(self) -> VelocityTrackerSettings:
@@ -261,8 +264,8 @@ class RedundancySettings(VelocityTrackerSettings):
             task,
             context.primary,
             context.vertical,
-            k3=sized_gain("k3", self.outer.k3 if self.k3 is None else self.k3, len(task.vertical)),
-            k21=self._k21(task),
+            k3=self._outer_gain("k3", len(task.vertical)),
+            k21=self._outer_gain("k21", len(task.primary)),
             secondary=posture,
         )
         return self.track(context, kinematic, task)
@@ -286,8 +289,9 @@ class ReducingOutputsSettings(VelocityTrackerSettings):
         reference = _Reordered(
             Joined([context.primary, context.redundant]), np.argsort(np.concatenate([task.primary, task.redundant]))
         )
-        k2 = {} if self.k21 is None else {"k2": sized_gain("k21", self.k21, task.r)}
-        kinematic = control.ReducingOutputController(context.reduced, reference, **k2, monitored=context.monitored)
+        k2 = sized_gain("k21", self.k21, task.r)
+        own = {} if k2 is None else {"k2": k2}
+        kinematic = control.ReducingOutputController(context.reduced, reference, **own, monitored=context.monitored)
         return self.track(context, kinematic)
 
 
@@ -309,9 +313,9 @@ class SteeringSettings(VelocityTrackerSettings):
     def _build(self, context: ControllerContext) -> BuiltController:
         task = context.task
         gains = control.OuterGains(
-            k3=sized_gain("k3", self.outer.k3 if self.k3 is None else self.k3, len(task.vertical)),
+            k3=self._outer_gain("k3", len(task.vertical)),
             k4=self.outer.k4 if self.k4 is None else self.k4,
-            k21=self._k21(task),
+            k21=self._outer_gain("k21", len(task.primary)),
         )
         references = context.primary, context.slithering or context.vertical
         kinematic = control.SteeringController(context.reduced, task, *references, gains, monitored=context.monitored)
