@@ -41,13 +41,6 @@ from rnc_pin.robots import Robot
 from rnc_pin.simulation import Observer, SimulationOptions, Trajectory
 
 
-class Simulated(NamedTuple):
-    """Motion of a run, and the error that ended it early."""
-
-    trajectory: Trajectory
-    error: RncError | None
-
-
 class BuiltModel(NamedTuple):
     """System of a scenario, its reduced model, and the warnings about them."""
 
@@ -289,19 +282,19 @@ class Scenario(SummaryMixin):
             raise error
         return run
 
-    def simulated(self, observer: Observer | None = None) -> Simulated:
-        """Simulate the run. An error that ends it early is part of the result.
+    def simulated(self, observer: Observer | None = None) -> tuple[Trajectory, RncError | None]:
+        """Simulate the run. Return its motion, and the error that ended it early.
 
         Args:
             observer: called with every ``Sample``.
         """
         # A run that failed is a result, as far as it went; an error before its first sample is none.
         try:
-            return Simulated(self.experiment.run(self.options(observer)), None)
+            return self.experiment.run(self.options(observer)), None
         except RncError as failure:
             if not isinstance(failure.trajectory, Trajectory):
                 raise
-            return Simulated(failure.trajectory, failure)
+            return failure.trajectory, failure
 
     def options(self, observer: Observer | None = None) -> SimulationOptions:
         """Options of the run, with its provenance.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from typing import NamedTuple
 
 import numpy as np
 
@@ -21,15 +20,6 @@ from rnc_pin.motion.whole_body.limits import CollisionAvoidance
 from rnc_pin.simulation import SHORTFALL, LimitReplay, Outcome, Summary, Trajectory
 from rnc_pin.verdict import Finding, FindingKind, Severity
 
-
-class Judged(NamedTuple):
-    """Run with its verdict, its summary, and the replay of limits and distances; None for a run without samples."""
-
-    trajectory: Trajectory
-    summary: Summary
-    limits: LimitReplay | None
-
-
 REPLAY_DISTANCE = 0.2
 """Distance up to which the replay of a run computes exact distances [m]."""
 _REPLAY_STEP, _REPLAYED = 0.02, 500  # smallest step between distances [s], and largest number of them
@@ -37,8 +27,10 @@ _REPLAY_STEP, _REPLAYED = 0.02, 500  # smallest step between distances [s], and 
 
 def judged_summary(
     experiment: Experiment, run: Trajectory, wall_time: float | None = None, *, goals: bool = True
-) -> Judged:
-    """Judge a run of a scenario. The returned run has its verdict, and the summary has it too.
+) -> tuple[Trajectory, Summary, LimitReplay | None]:
+    """Judge a run of a scenario. Return the run with its verdict, its summary, which has the verdict too, and limits.
+
+    The replay of limits and distances is None for a run without samples.
 
     Args:
         experiment: objects of the run.
@@ -87,7 +79,7 @@ def judged_summary(
         beyond = {name: error for name, error in errors.items() if not error <= scenario.goal_tolerance}
         if beyond:
             summary["goals_missed"] = beyond
-    return Judged(run.with_verdict(verdict), summary, replay)
+    return run.with_verdict(verdict), summary, replay
 
 
 def run_summary(experiment: Experiment, run: Trajectory, wall_time: float | None = None) -> Summary:

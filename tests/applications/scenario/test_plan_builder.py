@@ -97,7 +97,7 @@ def test_a_goal_is_what_the_planner_names(tmp_path, moved, word):
     place = run.info.outputs.of(kind).names.index(moved)
     aside, desired = (np.array(getattr(run, each)) for each in (kind, f"{kind}_desired"))
     aside[-1, place] = desired[-1, place] + 0.1
-    assert judged_summary(made.experiment, replace(run, **{kind: aside})).summary["verdict"] == word
+    assert judged_summary(made.experiment, replace(run, **{kind: aside}))[1]["verdict"] == word
 
 
 ROLLS = {"minimum_jerk": {"to": [4.5, 0, 0.3, 0], "duration": 10}}
