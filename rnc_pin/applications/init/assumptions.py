@@ -160,7 +160,10 @@ class BaseAssumptions:
             if keys.get("lateral") is not False:
                 self.constraints.append(({"no_side_slip": dict(wheel.edge)}, f"{what or 'knife edge'}; only drawn"))
             return
-        self.constraints.append((turned(wheel, **keys), f"{what}; {measured(wheel)}" if what else measured(wheel)))
+        # Its vertical row would ask a base that keeps its height to move up and down, and lock it.
+        leans = wheel.wobbles or any(float(np.hypot(*pivot.axis[:2])) > UPRIGHT for pivot in wheel.pivots)
+        entry = rolls(wheel, **keys, **({"vertical": False} if leans else {}))
+        self.constraints.append((entry, f"{what}; {measured(wheel)}" if what else measured(wheel)))
         balanced = 0.2  # largest distance of a wheel's center of mass from its axle, in radii
         if wheel.imbalance > balanced * wheel.radius:
             said = f"the center of mass of wheel {wheel.joint} is {wheel.imbalance:.2g} m from its axle in the file"
@@ -202,13 +205,6 @@ def place_and_heading(frame: str) -> list[dict[str, Json]]:
 def rolls(wheel: Wheel, **more: Json) -> dict[str, Json]:
     """Constraint entry of a rolling wheel."""
     return {"rolling_wheel": {"frame": wheel.frame, "radius": float(f"{wheel.radius:.5g}"), **more}}
-
-
-def turned(wheel: Wheel, **more: Json) -> dict[str, Json]:
-    """Entry of a wheel on a pivot; no vertical row if it moves up and down, because a planar base keeps its height."""
-    # Its vertical row would ask a base that keeps its height to move up and down, and lock it.
-    leans = wheel.wobbles or any(float(np.hypot(*pivot.axis[:2])) > UPRIGHT for pivot in wheel.pivots)
-    return rolls(wheel, **more, **({"vertical": False} if leans else {}))
 
 
 def measured(wheel: Wheel) -> str:
@@ -358,7 +354,7 @@ class ActuatorCandidates:
 
 
 def actuator_candidates(
-    mobility: BaseAssumptions, robot: Robot, start: Iterable[str], undriven: Collection[str] = ()
+    mobility: BaseAssumptions, robot: Robot, start: Iterable[str], undriven: Collection[str]
 ) -> ActuatorCandidates:
     """Return the candidate actuators of a robot with one kind of base.
 
@@ -369,9 +365,7 @@ def actuator_candidates(
         undriven: joints without an actuator in a file that names the actuators of other joints.
     """
     joints = [name for name in start if name not in undriven]
-    driving = [
-        (entry, remark) for entry, remark in mobility.actuators if not (isinstance(entry, str) and entry in undriven)
-    ]
+    driving = [each for each in mobility.actuators if not (isinstance(each[0], str) and each[0] in undriven)]
     named = {entry for entry, _ in driving if isinstance(entry, str)}
     # A torque on a joint whose momentum is conserved would contradict its row.
     conserved = {entry.get("momentum") for entry, _ in mobility.constraints if isinstance(entry, dict)}

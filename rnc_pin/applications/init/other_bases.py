@@ -315,7 +315,9 @@ def without_wheels(
         result = _afloat(at_start, None if own and asked is None else base, why, rotors)
     elif base == "planar":
         said = "asked for; no wheels were found, so that it moves in any direction"
-        result = _on_ice(at_start, why if asked is None else moves_over_ground(at_start) or said)
+        result = planar(at_start, why if asked is None else moves_over_ground(at_start) or said, [])
+        result.travel = 0.0  # without wheels, the trial does not ask how far they roll
+        push(result)
     else:
         kind = because if asked else "no wheels were found, and the first link is taken to be bolted down"
         result = BaseAssumptions("fixed", kind, at_start.frame, at_start.start)
@@ -402,13 +404,6 @@ def _floats(at_start: RobotAtStart, mass_of_base: Callable[[], float]) -> tuple[
         why = f"no wheels, and {100 * share:.0f} % of the mass in the first link: nothing is bolted so"
         return why, LIKELY if share > very_heavy else GUESSED
     return "", LIKELY
-
-
-def _on_ice(at_start: RobotAtStart, why: str) -> BaseAssumptions:
-    result = planar(at_start, why, [])
-    result.travel = 0.0  # without wheels, the trial does not ask how far they roll
-    push(result)
-    return result
 
 
 def _rotors(at_start: RobotAtStart) -> list[str]:

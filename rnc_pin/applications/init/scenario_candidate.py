@@ -227,7 +227,7 @@ class ScenarioCandidate:
     def _hold_loose_joints(self) -> None:
         """Lock joints without an actuator in the file that no constraint couples to others; mimic joints together."""
         mobility, groups = self.mobility, self._coupled_by_mimics
-        free = uncoupled_joints(self.start, mobility.constraints, self.robot, self.start)
+        free = uncoupled_joints(mobility.constraints, self.robot, self.start)
         # A follower with a motor moves its leader: the group is loose only if all of it is.
         moved_together = (groups.get(name, {name}) for name in self._undriven)
         idle = {name for group in moved_together if group <= {*free} for name in group}
@@ -249,12 +249,12 @@ class ScenarioCandidate:
     def _bear_weight(self) -> None:
         """Move the start of joints whose weight needs more than the efforts of the file."""
         mobility = self.mobility
-        held = [name for name in self.start if name not in {*mobility.passive, *self._undriven}]
         # In space nothing has weight, and feedback chooses its own equilibrium near the start.
         if mobility.weightless or mobility.feedback is not None:
             return
-        loose = uncoupled_joints(held, mobility.constraints, self.robot, self.start)
-        held = [name for name in loose if name not in self._coupled_by_mimics]
+        others = {*mobility.passive, *self._undriven, *self._coupled_by_mimics}
+        free = uncoupled_joints(mobility.constraints, self.robot, self.start)
+        held = [name for name in free if name not in others]
         self.start, moved = with_bearable_loads(self.robot, self.start, held)
         mobility.notes += moved
 
@@ -290,7 +290,8 @@ class ScenarioCandidate:
         if not mobility.v2:
             steps = zip(chosen.names, chosen.steps, strict=True)
             self._motions = {name: step for name, step in steps if name in primary}
-            scenario["reference"] = {"primary": self._reference()}
+            by = [round(step * self._share, 4) for step in self._motions.values()]
+            scenario["reference"] = {"primary": {"minimum_jerk": {"by": by, "duration": assumptions.DURATION}}}
         return to_json_mapping(scenario, "draft")
 
     def _chosen_outputs(self) -> assumptions.ChosenOutputs:
@@ -303,8 +304,7 @@ class ScenarioCandidate:
         mobility.vertical = [entry for entry in mobility.vertical if entry not in chosen.entries]
         if mobility.feedback is not None:
             return chosen
-        loose = uncoupled_joints(self.start, mobility.constraints, self.robot, self.start)
-        coupled = {name for name in self.start if name not in loose}
+        coupled = {*self.start}.difference(uncoupled_joints(mobility.constraints, self.robot, self.start))
         mobility.notes += keep_within_loops(chosen, self.system, self.q0, coupled)
         return chosen
 
@@ -318,11 +318,6 @@ class ScenarioCandidate:
         steady = kept if isinstance(kept, Mapping) else {}
         v2 = {name: rate if name in steady else rate * self._share for name, rate in mobility.v2.items()}
         return {"q": q, "v2": v2} if v2 else {"q": q}
-
-    def _reference(self) -> Mapping[str, Json]:
-        """Reference of the primary outputs: a share of the usual motion."""
-        by: list[Json] = [round(step * self._share, 4) for step in self._motions.values()]
-        return {"minimum_jerk": {"by": by, "duration": assumptions.DURATION}}
 
     def _actuators(self, chosen: assumptions.ChosenOutputs) -> list[tuple[assumptions.Entry, str]]:
         """Actuator entries; joints without effort and forces on the base only if the others are not enough."""

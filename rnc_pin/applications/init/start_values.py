@@ -38,13 +38,10 @@ def loop_closures(robot: Robot) -> list[tuple[Entry, str]]:
     return entries
 
 
-def uncoupled_joints(
-    joints: Iterable[str], constraints: Iterable[tuple[Entry, str]], robot: Robot, start: Mapping[str, float]
-) -> list[str]:
+def uncoupled_joints(constraints: Iterable[tuple[Entry, str]], robot: Robot, start: Mapping[str, float]) -> list[str]:
     """Return the joints that no constraint couples to others; momentum conservation, which couples all, is ignored.
 
     Args:
-        joints: joints with one degree of freedom.
         constraints: constraint entries, with a remark on each.
         robot: the robot.
         start: values of its joints with one degree of freedom.
@@ -59,7 +56,7 @@ def uncoupled_joints(
             kept.add(entry["momentum"])
             continue
         coupled |= np.abs(constraint_of(entry).bind(robot).jacobian(position)).max(axis=0, initial=0.0) > least
-    return [name for name in joints if name not in kept and not coupled[robot.velocity_indices(name)].any()]
+    return [name for name in start if name not in kept and not coupled[robot.velocity_indices(name)].any()]
 
 
 # ---------------------------------------------------------------------- motion of loops
@@ -208,7 +205,7 @@ def _closed(robot: Robot, start: _Values) -> _Values:
     loops = loop_closures(robot)
     if not loops:
         return start
-    loose = uncoupled_joints(start, loops, robot, start)
+    loose = uncoupled_joints(loops, robot, start)
     coupled = [name for name in start if name not in loose]
     system = NonholonomicSystem(robot, [constraint_of(entry) for entry, _ in loops])
     closed = 1e-4  # largest gap of a loop that counts as rounding in the file [m or rad], as at the start of a run
