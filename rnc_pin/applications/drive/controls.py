@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin.applications.init.evidence import joint_limits
 from rnc_pin.control import TwistController
 from rnc_pin.errors import InputError, RncError
 from rnc_pin.model import ConfigurationEvaluation, ReducedModel, wrapped
@@ -384,14 +385,10 @@ def _movable_axes(reduced: ReducedModel, q0: np.ndarray, frame: str) -> tuple[bo
 
 
 def _range_of(reduced: ReducedModel, q0: np.ndarray, name: str) -> Range:
-    model = reduced.robot.model
-    joint = model.joints[reduced.robot.joint_id(name)]
-    start = float(reduced.robot.single_joint(name).position(q0))
-    unit = reduced.robot.velocity_units[joint.idx_v].removesuffix("/s")
-    limits = model.lowerPositionLimit, model.upperPositionLimit
-    low, high = (float(each[joint.idx_q]) if joint.nq == 1 else np.inf for each in limits)
+    joint = reduced.robot.single_joint(name)
+    start, (low, high) = float(joint.position(q0)), joint_limits(reduced.robot, name)
     # A slider over many turns could not be set with care.
     if not -NO_LIMIT < low < high < NO_LIMIT or high - low > 4 * _TURN:
         low, high = start - _TURN, start + _TURN
     # A start beyond its limits is a place of the slider too.
-    return Range(min(low, start), max(high, start), start, unit)
+    return Range(min(low, start), max(high, start), start, joint.unit.removesuffix("/s"))
