@@ -273,7 +273,8 @@ class _Planning:
             return None
         if guess.through is not None:
             end = optimal.goal_configuration(reduced, q, goal)
-            return np.array([q, *(_with_joints(reduced.robot, q, each) for each in guess.through), end])
+            here = reduced.robot.joint_values(q)
+            return np.array([q, *(reduced.robot.configuration({**here, **each}) for each in guess.through), end])
         if guess.path is not None:
             with ConfigurationError.at("guess.path"):
                 path = _car_path("reducing", guess.path, reduced, q, np.arange(reduced.r), duration)
@@ -313,13 +314,3 @@ def planned_path(found: optimal.MotionPlan, reduced: ReducedModel, frame: str) -
     on_ground = reduced.robot.model.joints[1].shortname() == "JointModelPlanar"  # drawn on the ground, not at a height
     kept = () if on_ground else tuple(np.round(heights, 5).tolist())
     return PlannedPath(frame, tuple((x, y, heading) for x, y, heading in rows), kept)
-
-
-def _with_joints(robot: Robot, q: np.ndarray, joints: Mapping[str, float | list[float]]) -> np.ndarray:
-    """Configuration with other positions of some joints."""
-    moved, given = q.copy(), robot.configuration(joints)  # the latter has zeros for the others
-    for joint in joints:
-        place = robot.model.joints[robot.model.getJointId(joint)]
-        rows = slice(place.idx_q, place.idx_q + place.nq)
-        moved[rows] = given[rows]
-    return moved
