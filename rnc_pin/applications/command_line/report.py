@@ -242,7 +242,10 @@ def report_run(scenario: Scenario, result: Result, drawn: Drawn, folder: Path, a
     if as_json:
         messages.print_json({**result.summary, "elapsed_time": round(messages.seconds_since_start(), 3)})
     else:
-        _print_end(folder, result.summary)
+        console, spent = Console(markup=False, emoji=False), result.summary["wall_time"]
+        console.print(f"in {folder}: {', '.join(result.summary['files'])}", highlight=False, soft_wrap=True)
+        part = f", {spent:.1f} s of it for the simulation" if spent else ""
+        console.print(f"done in {messages.seconds_since_start():.1f} s{part}", highlight=False)
     where = f"results so far are in {folder}"
     told = scenario.experiment.warnings
     if report_findings(result.trajectory.verdict, where, " in summary.json", told) == messages.FAILED:
@@ -252,11 +255,3 @@ def report_run(scenario: Scenario, result: Result, drawn: Drawn, folder: Path, a
         messages.complain(f"interrupted; {where}")
         return messages.FAILED
     return messages.DONE
-
-
-def _print_end(folder: Path, summary: Summary) -> None:
-    """Print the folder and the names of written files, the wall time of the command and that of the simulation [s]."""
-    console = Console(markup=False, emoji=False)
-    console.print(f"in {folder}: {', '.join(summary['files'])}", highlight=False, soft_wrap=True)
-    part = f", {summary['wall_time']:.1f} s of it for the simulation" if summary["wall_time"] else ""
-    console.print(f"done in {messages.seconds_since_start():.1f} s{part}", highlight=False)

@@ -23,7 +23,6 @@ from rnc_pin.applications.scenario.schema import ScenarioFile, SimulationSetting
 from rnc_pin.applications.scenario.schema.world import build_obstacles
 from rnc_pin.collision import Obstacle, check_ignored_links
 from rnc_pin.control import Controller, ZeroInput, describe
-from rnc_pin.control.loop import LoopOptions
 from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, ModelWarning, RncError
 from rnc_pin.model import NonholonomicSystem, ReducedModel, Task
 from rnc_pin.motion.optimal import MotionPlan
@@ -115,11 +114,6 @@ class Experiment:
     def program(self) -> WholeBodyProgram | None:
         """Whole-body program of the controller, if it has one."""
         return program_of(self.controller)
-
-    @property
-    def loop(self) -> LoopOptions:
-        """Options of the control loop that the scenario sets."""
-        return {} if self.scenario.loop is None else self.scenario.loop.options
 
     def run(self, options: SimulationOptions) -> Trajectory:
         """Simulate the run.
@@ -249,7 +243,7 @@ def _grip(scenario: ScenarioFile, reduced: ReducedModel) -> Grip | None:
     if not isinstance(scenario.controller, VelocityTrackerSettings):
         raise ConfigurationError("grip: requires a controller over a velocity tracker, such as type 'redundancy'")
     with ConfigurationError.at("grip"):
-        return scenario.grip.build(reduced)
+        return Grip(reduced, scenario.grip.friction)
 
 
 def _later_ends(scenario: ScenarioFile, context: ControllerContext) -> dict[str, float]:

@@ -310,8 +310,9 @@ class Scenario(SummaryMixin):
             config=self.raw,
             folder=None if self.built_in else str(self.folder),
         )
-        stop = experiment.simulation.stop
-        return SimulationOptions(stop=stop, loop=experiment.loop, observer=observer, meta=provenance)
+        stop, stated = experiment.simulation.stop, experiment.scenario.loop
+        loop = {} if stated is None else stated.options
+        return SimulationOptions(stop=stop, loop=loop, observer=observer, meta=provenance)
 
     # ------------------------------------------------------------------ files
 

@@ -9,11 +9,10 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator, Discriminator, Field, RootModel, Tag
 
-from rnc_pin.analysis import Grip
 from rnc_pin.applications.scenario.schema.derived import NAME, Content
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.io import LIST, Strict
-from rnc_pin.model import Positive, ReducedModel
+from rnc_pin.model import Positive
 from rnc_pin.simulation import Stop
 
 
@@ -25,9 +24,6 @@ class GripSettings(Strict):
     """
 
     friction: Positive
-
-    def build(self, reduced: ReducedModel) -> Grip:
-        return Grip(reduced, self.friction)
 
 
 class SimulationSettings(Strict):
