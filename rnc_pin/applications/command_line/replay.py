@@ -95,16 +95,6 @@ def _compared(runs: Sequence[Run]) -> dict[str, Trajectory]:
     return found
 
 
-def animation_of(runs: Sequence[Run]) -> Recording:
-    """Return the animation of a run, with other runs as pale robots in it.
-
-    Args:
-        runs: the run, then those to compare with it.
-    """
-    run = runs[0]
-    return Recording(run.drawn_model, run.trajectory, run.scenario.content.view, run.title, _compared(runs))
-
-
 @contextmanager
 def live_view(
     model: DrawnModel, view: View, info: RunInfo, title: str, speed: float, browser: bool, host: str
@@ -163,7 +153,10 @@ def replay_runs(
         if path is not None:
             check_new_file(option, path, files["force"])
     if files["html"] or files["video"]:
-        _write(animation_of(runs), files)
+        # Other runs are pale robots in the scene of the first.
+        first, others = runs[0], _compared(runs)
+        view, title = first.scenario.content.view, first.title
+        _write(Recording(first.drawn_model, first.trajectory, view, title, others), files)
     if show:
         _show(runs[0], speed, browser, host)
     if show or files["html"] or files["video"]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -10,7 +10,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from rich.table import Table
 
 from rnc_pin.applications.command_line import messages
-from rnc_pin.applications.scenario.execution import Result, write
+from rnc_pin.applications.scenario.execution import Result, ShowProgress, write
 from rnc_pin.applications.scenario.output_folder import OutputFolder
 from rnc_pin.applications.scenario.pictures import Drawn, draw_pictures, picture_names
 from rnc_pin.applications.scenario.scenario import Scenario
@@ -19,12 +19,9 @@ from rnc_pin.printing import Line, SummaryMixin
 from rnc_pin.simulation import OutputNames, Summary
 from rnc_pin.verdict import Severity, Verdict, weight_of
 
-Advance = Callable[[float, str], None]
-"""Callback that reports progress and the current activity."""
-
 
 class ProgressBar:
-    """Progress bar on stderr; its context yields an ``Advance`` callback.
+    """Progress bar on stderr; its context yields an ``ShowProgress`` callback.
 
     Args:
         total: value at 100 %.
@@ -53,7 +50,7 @@ class ProgressBar:
         task = self._bar.tasks[0]
         return f"{task.description}: {task.percentage:.0f} %"
 
-    def __enter__(self) -> Advance:
+    def __enter__(self) -> ShowProgress:
         self._log.__enter__()
         self._bar.start()
         return self._advance

@@ -34,7 +34,6 @@ from rnc_pin.verdict import Finding, FindingKind, Severity
 _ATTITUDE = 0.3  # [m/rad]; error of the orientation beside that of the position
 _STILL = 0.1  # weight of joints whose posture gain is zero
 _ACCELERATION = 2.0  # of a base with pivots [m/s^2, rad/s^2]
-_BASE_AT_REST = 1.0  # weight of the base's velocity beside the posture
 
 
 class GoalBoard:
@@ -118,7 +117,7 @@ class _Base(BoundTask):
             return TaskRows(rows, np.array([wanted.forward, wanted.turn, wanted.left]))
         if not base.turns:
             rows[1] = 0.0 if resting or base.folding == 0 else moving[1]  # the posture has the steering joint
-        return TaskRows((_BASE_AT_REST if resting else 1.0) * rows, np.zeros(3))
+        return TaskRows(rows, np.zeros(3))
 
     def _aimed(self, sample: ControlSample, aiming: TwistController, wanted: BaseRates) -> np.ndarray:
         """Rates of the base and of its pivots, which are aimed at its twist."""

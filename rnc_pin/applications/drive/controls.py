@@ -12,6 +12,7 @@ import pinocchio as pin
 from rnc_pin.applications.init.evidence import joint_limits
 from rnc_pin.control import TwistController
 from rnc_pin.errors import InputError, RncError
+from rnc_pin.math import unit_rows
 from rnc_pin.model import ConfigurationEvaluation, ReducedModel, wrapped
 from rnc_pin.outputs import FrameSpeed, FrameYaw
 from rnc_pin.robots import NO_LIMIT, Robot
@@ -189,11 +190,11 @@ def _bends(here: ConfigurationEvaluation, robot: Robot, joint: str) -> bool:
 def _independent(given: np.ndarray, *rows: np.ndarray, full: bool = True) -> bool:
     """True if rows are independent of given rows and of each other; ``full`` is False if the given ones may depend."""
     # Of unit length: the rank depends neither on units nor on the size of the robot.
-    units = [row / max(float(np.linalg.norm(row)), 1e-300) for row in (*given, *rows)]
+    units = unit_rows(np.array([*given, *rows]))
     if any(np.linalg.norm(row) < _RANK for row in rows):
         return False
-    before = np.linalg.matrix_rank(np.array(units[: len(given)]), _RANK) if len(given) else 0
-    after = np.linalg.matrix_rank(np.array(units), _RANK)
+    before = np.linalg.matrix_rank(units[: len(given)], _RANK) if len(given) else 0
+    after = np.linalg.matrix_rank(units, _RANK)
     return bool(after == before + len(rows) and (not full or before == len(given)))
 
 

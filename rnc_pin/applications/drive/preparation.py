@@ -25,6 +25,7 @@ from rnc_pin.applications.scenario.schema.scenario import output_of, validate
 from rnc_pin.control import ActuatorVelocityController, ComputedTorque, VelocityTracker, describe
 from rnc_pin.errors import ConfigurationError, RncError, few
 from rnc_pin.io import Json, load_yaml
+from rnc_pin.math import unit_rows
 from rnc_pin.model import NonholonomicSystem, ReducedModel
 from rnc_pin.motion.whole_body.limits import CollisionAvoidance, ControlLimit
 from rnc_pin.outputs import FramePosition
@@ -267,9 +268,8 @@ def _check_drivable(name: str, experiment: Experiment) -> None:
     """
     reduced = experiment.reduced
     matrix = reduced.at(experiment.q0).input_matrix
-    units = matrix / np.maximum(np.linalg.norm(matrix, axis=1, keepdims=True), 1e-300)
     moved = 1e-6  # smallest singular value of R^T B, in rows of unit length, at which actuators move everything
-    rank = int(np.linalg.matrix_rank(units, moved)) if matrix.size else 0
+    rank = int(np.linalg.matrix_rank(unit_rows(matrix), moved)) if matrix.size else 0
     if rank < reduced.r:
         idle = [reduced.reducing.names[k] for k in np.flatnonzero(~matrix.any(axis=1))]
         which = f" (none moves {few(idle)})" if idle else ""

@@ -162,10 +162,8 @@ class Source:
     @property
     def remarks(self) -> list[str]:
         """Additions to the file, a line each."""
-        if not self.masses:
-            return self.notes
-        links = ", ".join(self.masses)
-        return [*self.notes, f"links without a useful inertia are given one, WEIGH them: {links}"]
+        said = f"links without a useful inertia are given one, WEIGH them: {', '.join(self.masses)}"
+        return [*self.notes, said] if self.masses else self.notes
 
     def names(self) -> FileNames:
         """Return names that the model does not contain."""
@@ -225,11 +223,12 @@ class Source:
             self.entry["package_dirs"] = [os.path.relpath(each, folder) for each in dict.fromkeys([*given, *far])]
 
     def _lock_motionless(self) -> None:
-        limited = [] if self._urdf is None else list(_stated_limits(self._urdf))
-        still = {name: (low + high) / 2 for name, low, high in limited if 0 <= high - low < PLACED}
-        movable = () if self._urdf is None else self._urdf.findall("joint")
+        if self._urdf is None:
+            return
+        still = {name: (low + high) / 2 for name, low, high in _stated_limits(self._urdf) if 0 <= high - low < PLACED}
+        movable = sum(joint.get("type") != "fixed" for joint in self._urdf.findall("joint"))
         # Equal limits everywhere are an exporter's zeros. On some joints only, they are meant.
-        if still and len(still) == sum(joint.get("type") != "fixed" for joint in movable):
+        if still and len(still) == movable:
             self.notes.append("the file states no limits: lower and upper are equal for every joint")
             return
         self.hold(still, "the limits of the file leave no motion", still)

@@ -31,7 +31,6 @@ from rnc_pin.motion.whole_body import WholeBodyProgram, program_of
 from rnc_pin.robots import Robot
 from rnc_pin.simulation import (
     PLOTTED_QUANTITIES,
-    PlannedPath,
     Provenance,
     SimulationOptions,
     TaskNames,
@@ -190,6 +189,7 @@ def build_experiment(
         outputs=scenario.listed_outputs,
     )
     built = scenario.controller.build(context)
+    trail = scenario.view.trail or reduced.robot.links_of(1)  # first the trail of the scenario, else the base
     return run(
         built.controller,
         build_plant(scenario, reduced, q0),
@@ -199,7 +199,7 @@ def build_experiment(
             provenance_of(built.notes),
             controller=describe(built.controller),
             task=TaskNames(tuple(task.primary_names), tuple(task.redundant_names)),
-            path=path.planned if motion is None else _drawn_path(scenario, motion, reduced),
+            path=path.planned if motion is None else plan_builder.planned_path(motion, reduced, trail[0]),
         ),
         plan=motion,
         references=references,
@@ -216,14 +216,6 @@ def start_of(scenario: ScenarioFile, reduced: ReducedModel) -> plan_builder.Star
     """
     v2_0 = reduced_velocity(reduced, scenario.initial.v2, "initial.v2")
     return plan_builder.Start(_initial(scenario, reduced), v2_0)
-
-
-def _drawn_path(scenario: ScenarioFile, motion: MotionPlan, reduced: ReducedModel) -> PlannedPath:
-    """Planned path of the first trail, or of the body of the first joint."""
-    frames, trail = reduced.robot.model.frames, scenario.view.trail
-    # The first link of a joint, not a frame that a file adds for a tool or a sensor.
-    bodies = (str(each.name) for each in frames if each.parentJoint == 1 and "BODY" in str(each.type))
-    return plan_builder.planned_path(motion, reduced, trail[0] if trail else next(bodies))
 
 
 def _unmeasured(obstacles: Sequence[Obstacle], reduced: ReducedModel) -> tuple[str, ...]:

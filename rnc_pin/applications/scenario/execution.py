@@ -18,6 +18,8 @@ from rnc_pin.simulation import Compared, LimitReplay, Observer, Outcome, Sample,
 
 _PLAN = "plan.npz"
 _REPORTS = 400  # progress reports of a run
+ShowProgress = Callable[[float, str], None]
+"""Callback that takes the progress so far, and the name of what is under way."""
 
 
 @dataclass(frozen=True)
@@ -37,9 +39,7 @@ class Result:
         return any(each.outcome is Outcome.INTERRUPTED for each in (self.trajectory, *self.comparisons.values()))
 
 
-def execute(
-    scenario: Scenario, observer: Observer | None = None, progress: Callable[[float, str], None] | None = None
-) -> Result:
+def execute(scenario: Scenario, observer: Observer | None = None, progress: ShowProgress | None = None) -> Result:
     """Run a scenario, and then its comparisons.
 
     Args:
@@ -54,7 +54,7 @@ def execute(
     with np.errstate(over="ignore", invalid="ignore"):  # diverged values
         # The wall time of the summary is that of the simulation, without building and drawing.
         start = time.perf_counter()
-        trajectory, error = scenario.simulated(_watched(scenario, observer, _shown(progress, 0.0, scenario.name)))
+        trajectory, error = scenario.simulated(_watched(scenario, observer, progress, 0.0, scenario.name))
         trajectory, summary, limits = judged_summary(scenario.experiment, trajectory, time.perf_counter() - start)
         others: dict[str, Trajectory] = {}
         if error is None and trajectory.outcome is Outcome.COMPLETED:
@@ -62,15 +62,12 @@ def execute(
     return Result(trajectory, summary, error, others, limits)
 
 
-def _comparisons(
-    scenario: Scenario, summary: Summary, progress: Callable[[float, str], None] | None
-) -> dict[str, Trajectory]:
+def _comparisons(scenario: Scenario, summary: Summary, progress: ShowProgress | None) -> dict[str, Trajectory]:
     """Run the comparisons by label, up to one that is interrupted, and add their part of the summary."""
     found: dict[str, Trajectory] = {}
     before = scenario.duration
     for label, other in scenario.comparisons.items():
-        shown = _shown(progress, before, f"{scenario.name}: {label}")
-        run, failure = other.simulated(_watched(other, None, shown))
+        run, failure = other.simulated(_watched(other, None, progress, before, f"{scenario.name}: {label}"))
         before += other.duration
         whole = run_summary(other.experiment, run)
         # Of a comparison the errors count; its limits and its verdict are not those of the run.
@@ -84,13 +81,10 @@ def _comparisons(
     return found
 
 
-def _shown(progress: Callable[[float, str], None] | None, before: float, name: str) -> Callable[[float], None]:
-    """Progress of one run, from the time of all runs before it [s]."""
-    return lambda time: None if progress is None else progress(before + time, name)
-
-
-def _watched(scenario: Scenario, observer: Observer | None, report: Callable[[float], None]) -> Observer:
-    """Observer of a run that reports its progress."""
+def _watched(
+    scenario: Scenario, observer: Observer | None, progress: ShowProgress | None, before: float, name: str
+) -> Observer:
+    """Observer of a run that reports its progress, from the time of all runs before it [s]."""
     last = scenario.duration * (1.0 - 1e-9)
     due = 0.0
 
@@ -99,7 +93,8 @@ def _watched(scenario: Scenario, observer: Observer | None, report: Callable[[fl
         # Reports at all samples would slow the run down; the last one always counts.
         if sample.time >= min(due, last):
             due = sample.time + last / _REPORTS
-            report(sample.time)
+            if progress is not None:
+                progress(before + sample.time, name)
         if observer is not None:
             observer(sample)
 

@@ -99,10 +99,8 @@ def _draft_it(robot: str) -> str:
     return f"draft one with: rnc-pin init {shlex.quote(robot)}"
 
 
-@lru_cache(maxsize=8)
-def _parsed(text: str) -> Json:
-    """Content of a YAML file, which is parsed once: sweeps read the same file again and again."""
-    return load_yaml(text)
+_parsed = lru_cache(maxsize=8)(load_yaml)
+"""Content of a YAML text, which is parsed once: sweeps read the same file again and again."""
 
 
 def read_yaml(path: Path) -> dict[str, Json]:

@@ -5,7 +5,6 @@ Matplotlib and Meshcat take a second to import: functions that draw import them.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib import import_module
@@ -14,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from rnc_pin import figures, simulation, visualization
-from rnc_pin.applications.scenario.execution import Result
+from rnc_pin.applications.scenario.execution import Result, ShowProgress
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import RncError, few
 from rnc_pin.interruption import interruptible
@@ -58,9 +57,7 @@ def picture_names(scenario: Scenario) -> list[str]:
     return list(dict.fromkeys([*(f"{name}.{each}" for name, found in formats.items() for each in found), ANIMATION]))
 
 
-def draw_pictures(
-    scenario: Scenario, result: Result, folder: Path, progress: Callable[[float, str], None] | None = None
-) -> Drawn:
+def draw_pictures(scenario: Scenario, result: Result, folder: Path, progress: ShowProgress | None = None) -> Drawn:
     """Write the pictures of a result; none if it was interrupted or has fewer than two samples.
 
     An error in one picture does not affect the other pictures or the data.
