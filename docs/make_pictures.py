@@ -25,9 +25,8 @@ from PIL import Image
 from rnc_pin.applications.drive.page import DrivePage
 from rnc_pin.applications.drive.preparation import prepare_drive, read_source
 from rnc_pin.applications.drive.run import CommandQueue, RealTimeClock, drive
-from rnc_pin.applications.scenario.execution import Result, execute, write
+from rnc_pin.applications.scenario.execution import Result, draw_pictures, execute, write, write_animation
 from rnc_pin.applications.scenario.files import built_in_names
-from rnc_pin.applications.scenario.pictures import draw_pictures, write_animation
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.visualization.recording import Recording, browser, take_pictures
 

@@ -127,6 +127,6 @@ def browser():
 @pytest.fixture
 def no_pictures(monkeypatch):
     """Runs of the command line without pictures, which cost more than a short simulation."""
-    from rnc_pin.applications.scenario.pictures import Drawn
+    from rnc_pin.applications.scenario.execution import Drawn
 
     monkeypatch.setattr("rnc_pin.applications.command_line.report.draw_pictures", lambda *_: Drawn())

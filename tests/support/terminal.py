@@ -5,7 +5,7 @@ import sys
 _WITHOUT_PICTURES = """
 from rnc_pin.applications.command_line.cli import main
 from rnc_pin.applications.command_line import run
-from rnc_pin.applications.scenario.pictures import Drawn
+from rnc_pin.applications.scenario.execution import Drawn
 run.draw_pictures = lambda *_: Drawn()
 main()
 """

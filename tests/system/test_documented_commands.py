@@ -202,7 +202,7 @@ def beside(tmp_path_factory):
 
 def without_waiting(patch):
     """No pictures, no trial of a draft, and no wait for a browser that nobody opens."""
-    from rnc_pin.applications.scenario.pictures import Drawn
+    from rnc_pin.applications.scenario.execution import Drawn
 
     patch.setattr("rnc_pin.applications.command_line.report.draw_pictures", lambda *_: Drawn())
     patch.setattr("rnc_pin.visualization.loop_view.LiveView.wait_for_browser", lambda *_: False)

@@ -17,7 +17,7 @@ from browsing import place, visit
 from patience import PATIENCE, eventually
 from places import DIRT
 from rnc_pin.applications.command_line.cli import main
-from rnc_pin.applications.scenario import pictures
+from rnc_pin.applications.scenario import execution
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.visualization.drawn_state import DrawnState, View
@@ -162,7 +162,7 @@ def test_what_fails_in_drawing_costs_the_drawing_alone(tmp_path, monkeypatch, ca
         printed.append((sorted(path.name for path in (tmp_path / "out").iterdir()), capfd.readouterr().out))
         raise ValueError("found a\nleft-handed frame")
 
-    monkeypatch.setattr(pictures, "_overview", fail)
+    monkeypatch.setattr(execution, "_overview", fail)
     monkeypatch.setattr(rnc.visualization, "Recording", fail)
     status, out, err = called(monkeypatch, capfd, *RUN, tmp_path / "out")
     assert status == 0
@@ -195,7 +195,7 @@ def test_a_robot_without_its_meshes_runs(tmp_path, monkeypatch, capfd):
     path.write_text(chain(base=INERTIAL + far, arm=INERTIAL + far, hand=INERTIAL + mesh("wedge.stl")))
     scenario = tmp_path / "arm.yaml"
     called(monkeypatch, capfd, "init", path, "--out", scenario)
-    monkeypatch.setattr(pictures, "_write_plot", lambda *_: False)
+    monkeypatch.setattr(execution, "_write_plot", lambda *_: False)
     status, _, err = called(monkeypatch, capfd, "run", scenario, *SHORT, "--out", tmp_path / "out")
     assert status == 0
     (line,) = [line for line in err.splitlines() if "warning" in line]

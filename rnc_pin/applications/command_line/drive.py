@@ -14,10 +14,9 @@ from rnc_pin.applications.drive.page import DrivePage
 from rnc_pin.applications.drive.preparation import PreparedDrive, prepare_drive, read_source
 from rnc_pin.applications.drive.run import CommandQueue, RealTimeClock, drive
 from rnc_pin.applications.init import DraftOptions
-from rnc_pin.applications.scenario.execution import Result, data_names
+from rnc_pin.applications.scenario.execution import Result, result_names
 from rnc_pin.applications.scenario.files import parse_options
 from rnc_pin.applications.scenario.output_folder import OutputFolder
-from rnc_pin.applications.scenario.pictures import picture_names
 from rnc_pin.interruption import interruptible, uninterrupted
 
 
@@ -51,8 +50,7 @@ def drive_robot(
         warn(warning)
     path = out or Path("runs") / f"{prepared.scenario.name.strip('.') or 'scenario'}-drive"
     # The folder replaces files of these names, and no others.
-    names = [*data_names(), *picture_names(prepared.scenario)]
-    with uninterrupted(), OutputFolder(path, force, names) as target:
+    with uninterrupted(), OutputFolder(path, force, result_names(prepared.scenario)) as target:
         result = _driven(prepared, new["duration"], browser)
         drawn = keep_run(prepared.scenario, result, target, as_json)
     return FAILED if drawn is None else report_run(prepared.scenario, result, drawn, target.path, as_json)

@@ -10,9 +10,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from rich.table import Table
 
 from rnc_pin.applications.command_line import messages
-from rnc_pin.applications.scenario.execution import Result, ShowProgress, write
+from rnc_pin.applications.scenario.execution import Drawn, Result, ShowProgress, draw_pictures, picture_names, write
 from rnc_pin.applications.scenario.output_folder import OutputFolder
-from rnc_pin.applications.scenario.pictures import Drawn, draw_pictures, picture_names
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import RncError
 from rnc_pin.printing import Line, SummaryMixin

@@ -7,10 +7,9 @@ from typing import TypedDict, Unpack
 
 from rnc_pin.applications.command_line.messages import FAILED, announce, told_each_minute, warn
 from rnc_pin.applications.command_line.report import ProgressBar, keep_run, report_run
-from rnc_pin.applications.scenario.execution import Result, data_names, execute
+from rnc_pin.applications.scenario.execution import Result, execute, result_names
 from rnc_pin.applications.scenario.files import parse_options
 from rnc_pin.applications.scenario.output_folder import OutputFolder
-from rnc_pin.applications.scenario.pictures import picture_names
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.interruption import uninterrupted
 from rnc_pin.simulation import Observer, RunInfo
@@ -56,9 +55,7 @@ def run_scenario(
     for warning in prepared.experiment.warnings:
         warn(warning)
     name = prepared.name.strip(".") or "scenario"  # a file "...yaml" must not write into ".."
-    planned = prepared.experiment.plan is not None
-    names = [*data_names(prepared.comparisons, planned), *picture_names(prepared)]
-    with uninterrupted(), OutputFolder(out or Path("runs") / name, force, names) as folder:
+    with uninterrupted(), OutputFolder(out or Path("runs") / name, force, result_names(prepared)) as folder:
         result = _watched(prepared, watching, as_json) if show else _executed(prepared, None, as_json)
         drawn = keep_run(prepared, result, folder, as_json)
     return FAILED if drawn is None else report_run(prepared, result, drawn, folder.path, as_json)

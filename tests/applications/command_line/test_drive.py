@@ -14,7 +14,7 @@ from drives import in_real_time, prepared
 from patience import PATIENCE, eventually
 from rnc_pin.applications.drive.page import DrivePage
 from rnc_pin.applications.drive.run import CommandQueue, RealTimeClock
-from rnc_pin.applications.scenario.pictures import Drawn
+from rnc_pin.applications.scenario.execution import Drawn
 
 QUICK = ["--no-browser", "--set", "simulation.dt=0.02"]
 
@@ -32,7 +32,7 @@ def served(request):
 
 def test_a_drive_is_a_normal_run(call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("rnc_pin.applications.scenario.pictures._write_plot", lambda *_: False)
+    monkeypatch.setattr("rnc_pin.applications.scenario.execution._write_plot", lambda *_: False)
     status, out, said = call("drive", "mobile-manipulator", *QUICK, "--duration", 0.4, "--out", "one", "--json")
     assert status == 0, said
     assert "http://127.0.0.1:" in said

@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 
 import rnc_pin as rnc
 from places import ROOT
-from rnc_pin.applications.scenario.execution import execute
-from rnc_pin.applications.scenario.pictures import draw_pictures
+from rnc_pin.applications.scenario.execution import draw_pictures, execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.collision import CollisionDistances
 from rnc_pin.visualization.plots import draw_obstacles
