@@ -356,7 +356,7 @@ class InverseDynamicsQP(WholeBodyProgram):
         far = not found.unsolved and self._reduced.evaluator.far_within(
             (state, sample.end), v2, T, sample.time, self.dt, (rows.jacobian, rows.lower, rows.upper)
         )
-        for _ in range(0 if far or found.unsolved or not motions else _CORRECTIONS + 1):
+        for attempt in range(0 if far or found.unsolved or not motions else _CORRECTIONS + 1):
             end = self._end(state, program.efforts(found.unknowns))
             reached, averaged = rows.jacobian @ end.v, self._limits.averaged[rows.places]
             mean = np.where(averaged, rows.jacobian @ self._mean_velocity(state, end), reached)
@@ -367,12 +367,23 @@ class InverseDynamicsQP(WholeBodyProgram):
             best, best_end, least = found, end, float(beyond.max())
             if least <= _BEYOND:
                 break
-            expected = rows.jacobian @ (sample.end.R @ program.velocity(found.unknowns) + sample.end.b)
             # A change of the velocity at the end changes the mean by half of it.
             above, below = (np.where(averaged, 2.0 * mean - each, reached) for each in (rows.upper, rows.lower))
+            highest, lowest = np.maximum(reached, above), np.minimum(reached, below)
+            if attempt and not found.excess.any():
+                # What is left is of the order of the sample: limits that act are met by the least motion.
+                over, under = highest - rows.upper, rows.lower - lowest
+                wanted = np.zeros(len(bounds.places))
+                wanted[:motions] = np.where(over > under, -over, under)
+                acting = found.multipliers[:, bounds.places].any(axis=0)
+                acting[:motions] |= beyond > _BEYOND
+                change, *_ = np.linalg.lstsq(bounds.rows[acting], wanted[acting], rcond=None)
+                found = found._replace(unknowns=found.unknowns + change)
+                continue
+            expected = rows.jacobian @ (sample.end.R @ program.velocity(found.unknowns) + sample.end.b)
             lower, upper = bounds.lower.copy(), bounds.upper.copy()
-            lower[:motions] += expected - np.minimum(reached, below)
-            upper[:motions] += expected - np.maximum(reached, above)
+            lower[:motions] += expected - lowest
+            upper[:motions] += expected - highest
             found = solved(bounds._replace(lower=lower, upper=upper), found)
             if found.unsolved:
                 break
