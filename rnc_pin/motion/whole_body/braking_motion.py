@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import DivergenceError, SingularityError
-from rnc_pin.math.linear_algebra import inverse
+from rnc_pin.math.linear_algebra import clipped, inverse
 from rnc_pin.model.integrators import ReducedMotion
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -32,7 +32,7 @@ _EFFORT = 900  # of one motion, in such steps, so that runs repeat
 _BUDGET, _PACE = 150, 30e3  # of a sample that may follow a kept motion instead: at least, and per second
 _AGAIN = 350  # of a sample without one to follow, about 10 ms: limits that cannot hold are tried again and again
 _SMALL = 0.1  # speed of a joint that does not count, relative to the largest
-_PART = 0.5  # of the time in which the first joint stops: inputs are held that long
+_PART = 0.75  # of the time in which joints stop: inputs are held that long
 _RESERVE = 1.1  # of the time in which efforts stop all joints
 _LEAST = 1e-14  # effect of an input on the energy, relative to the sum of all
 _FREE_COST = 1e-9  # of inputs that do not change the energy, relative to the others
@@ -371,17 +371,16 @@ class Braking:
             held = 1 if shortest <= self._dt else int(np.ceil(_RESERVE * min(shortest, self._longest) / self._dt))
             if (held == 1 or together) and shortest < self._longest and self._may_stop(state, t, held):
                 moving = np.abs(state.v).max(initial=0.0) > _REST
-                part = held if held < _FEW else held // 2  # constant inputs lead elsewhere in the end
+                part = held if held < _FEW else int(_PART * held)  # constant inputs lead elsewhere in the end
                 return load + impulse / (held * self._dt), part if moving else 0
-        T = self._slowing(effects, adverse, self._dt, state, t, ground, upper)
-        rate, speed = effects @ T + adverse, np.abs(state.v2)
+        slowing, speed = self._slowing(effects, adverse, state, t, ground, upper), np.abs(state.v2)
+        T = slowing(self._dt)
+        rate = effects @ T + adverse
         stops = (state.v2 * rate < 0.0) & (speed > _SMALL * speed.max(initial=0.0))
         shortest = np.divide(speed, np.abs(rate), out=np.full(len(rate), self._longest), where=stops).min()
-        # Of the next joint at rest, half the time is left to the next decision: its deceleration changes on the way.
+        # Of the next joint at rest, some time is left to the next decision: its deceleration changes on the way.
         held = int(_PART * shortest / self._dt)
-        if held < 2:
-            return T, 1
-        return self._slowing(effects, adverse, held * self._dt, state, t, ground, upper), held
+        return (T, 1) if held < 2 else (slowing(held * self._dt), held)
 
     def _may_stop(self, state: StateEvaluation, t: float, held: int) -> bool:
         """True unless limits that rows judge, such as those of accelerations, exclude rest after some samples."""
@@ -398,34 +397,43 @@ class Braking:
         return np.where(judged, 0.5 * _UNUSED * (motion.upper - motion.lower), 0.0)
 
     def _slowing(
-        self, effects: Array, adverse: Array, h: float, state: StateEvaluation, t: float, ground: Array, above: Array
-    ) -> Array:
-        """Inputs that leave the least kinetic energy after a time h within efforts, ground and the rows of limits."""
-        motion = self._limits.rows(ControlSample(self._reduced, t, state.q, state.v2, h, state), braking=True)
-        # The energy after h is |effects T + offset|^2 h^2 / 2 in the metric of the inertia.
-        offset = state.v2 / h + adverse
+        self, effects: Array, adverse: Array, state: StateEvaluation, t: float, ground: Array, above: Array
+    ) -> Callable[[float], Array]:
+        """Inputs that leave the least kinetic energy after a time within efforts, ground and the rows of limits."""
         p, size = self._reduced.p, ground.shape[1]
-        metric = state.input_matrix.T @ effects
+        pushes = state.input_matrix.T
+        metric = pushes @ effects
         scales = np.ones(size)  # light joints and heavy ones
-        scales[:p] = 1.0 / np.sqrt(np.maximum(metric.diagonal(), _LEAST * np.trace(metric)))
-        hessian, gradient = _FREE_COST * np.eye(size), np.zeros(size)
+        own = metric.diagonal()
+        scales[:p] = 1.0 / np.sqrt(np.maximum(own, _LEAST * own.sum()))
+        hessian = np.diag(np.full(size, _FREE_COST))
         hessian[:p, :p] += metric * scales[:p] * scales[:p, None]
-        gradient[:p] = scales[:p] * (state.input_matrix.T @ offset)
-        J, room = motion.jacobian @ state.R, self._spare(motion)
-        own = np.zeros((len(J), size))
-        own[:, :p], passive = J @ effects, J @ offset
         box = np.full(size, _INFINITE)
         box[:p] = self._efforts / scales[:p]
-        rows = np.vstack([ground, own]) * scales
-        lower = np.concatenate([-box, np.full(len(above), -_INFINITE), (motion.lower + room) / h - passive])
-        upper = np.concatenate([box, above, (motion.upper - room) / h - passive])
-        for count in (len(rows), len(ground)):  # limits that no inputs keep are named where they are checked
-            stop = size + count
-            kinds = np.zeros(stop, dtype=np.int32)
-            x, _, status, _ = daqp.solve(hessian, gradient, rows[:count], upper[:stop], lower[:stop], kinds)
-            if status == _SOLVED:
-                return np.clip((scales * x)[:p], -self._efforts, self._efforts)
-        raise DivergenceError("no efforts brake within the conditions of the ground")
+        gradient, known, rows, J = np.zeros(size), None, ground, ground
+
+        def after(h: float) -> Array:
+            nonlocal known, rows, J
+            motion = self._limits.rows(ControlSample(self._reduced, t, state.q, state.v2, h, state), braking=True)
+            if motion.jacobian is not known:
+                known, J = motion.jacobian, motion.jacobian.dot(state.R)
+                rows = np.zeros((len(ground) + len(J), size))
+                rows[: len(ground)], rows[len(ground) :, :p] = ground, J.dot(effects)
+                rows *= scales
+            # The energy after h is |effects T + offset|^2 h^2 / 2 in the metric of the inertia.
+            offset, room = state.v2 / h + adverse, self._spare(motion)
+            gradient[:p], passive = scales[:p] * pushes.dot(offset), J.dot(offset)
+            lower = np.concatenate([-box, np.full(len(above), -_INFINITE), (motion.lower + room) / h - passive])
+            upper = np.concatenate([box, above, (motion.upper - room) / h - passive])
+            for count in (len(rows), len(ground)):  # limits that no inputs keep are named where they are checked
+                stop = size + count
+                kinds = np.zeros(stop, dtype=np.int32)
+                x, _, status, _ = daqp.solve(hessian, gradient, rows[:count], upper[:stop], lower[:stop], kinds)
+                if status == _SOLVED:
+                    return clipped((scales * x)[:p], self._efforts)
+            raise DivergenceError("no efforts brake within the conditions of the ground")
+
+        return after
 
     def _samples(
         self, start: StateEvaluation, t: float, T: Array, count: int, coarse: int
