@@ -28,9 +28,9 @@ from rnc_pin.motion.whole_body.whole_body_program import SampleCount
 _KEPT = 2e-7  # [rad, m, and per second] excess over a limit that is an error of the integration
 _REST = 1e-4  # [rad/s, m/s] speed that counts as rest: its inputs remove it within a sample
 _DECISION, _CHECK = 8, 5  # time of a decision, and of a check beside its steps, in Runge-Kutta steps
-_EFFORT = 900  # of one motion, in such steps, so that runs repeat
+_EFFORT = 1800  # of a state of a user, in such steps, so that runs repeat
 _BUDGET, _PACE = 150, 30e3  # of a sample that may follow a kept motion instead: at least, and per second
-_AGAIN = 350  # of a sample without one to follow, about 10 ms: limits that cannot hold are tried again and again
+_AGAIN = 250  # of a sample without one to follow, about 7 ms: limits that cannot hold are tried again and again
 _SMALL = 0.1  # speed of a joint that does not count, relative to the largest
 _PART = 0.75  # of the time in which joints stop: inputs are held that long
 _RESERVE = 1.1  # of the time in which efforts stop all joints
@@ -73,6 +73,8 @@ class BrakingMotion(NamedTuple):
     """Reason why it does not keep all limits until rest; None if it does."""
     together: bool = True
     """True if all joints come to rest at the same time."""
+    effort: int = 0
+    """Time of the roll-outs that led to it, in Runge-Kutta steps."""
 
 
 class BrakingState(NamedTuple):
@@ -135,7 +137,7 @@ class Braking:
         self._reduced, self._limits, self._contacts = reduced, limits, contacts
         self._names, self._dt, self._longest = names, dt, longest
         self._motion = ReducedMotion(reduced.robot)
-        self._budget = min(max(_BUDGET, round(_PACE * dt)), 2 * _EFFORT)
+        self._budget = min(max(_BUDGET, round(_PACE * dt)), _EFFORT)
         self._coarse = _COARSE if limits.spacing == np.inf else 1
         self._fine = max(1, int(_STEP / dt + _ROUNDING))  # samples of the finest step
         self._late = f"the robot does not come to rest within {longest:g} s"
@@ -188,19 +190,17 @@ class Braking:
             eased = under(first + min(max(float(aim @ way) / max(float(way @ way), 1e-300), 0.0), 1.0) * way)
         asked = np.maximum(rows.lower, -rows.upper)[~self._limits.judged_by_rows[rows.places]]
         moved = bool((asked > _BEYOND).any())  # limits ask for motion: an obstacle comes nearer, or one is exceeded
-        budget = self._budget
-        if kept is None or moved:  # the first attempt of a run has all the time
-            budget = 2 * _EFFORT if state.last is None and not state.unverified.samples else max(budget, _AGAIN)
+        budget = max(self._budget, _AGAIN) if kept is None or moved else self._budget
         after = self._after(t, eased, before, ground, together, budget)
         if after.problem is None:
             braked = state.braked if eased is planned else state.braked.and_one(t, state.braked.reason)
             share = min(1.0, share + _EASED)
             return eased, state._replace(kept=after, failed=None, share=share, last=eased.T, braked=braked)
-        if moved or (kept is None and after.problem == _LONG):  # from the present state, it takes as long
+        if moved or (kept is None and after.effort >= budget):
             return unverified(after.problem)
         braked = state.braked.and_one(t, after.problem)
         if kept is None:  # the present state can still be safe where the planned end is not
-            kept = self.motion(start, t, before, ground, together, budget)
+            kept = self.motion(start, t, before, ground, together, budget - after.effort)
         if kept.problem is not None and (state.kept is None or not len(kept.inputs)):
             return unverified(kept.problem)
         braking = under(kept.inputs[0])
@@ -221,7 +221,7 @@ class Braking:
         before: Array,
         ground: ContactBounds,
         together: bool = True,
-        budget: int = 2 * _EFFORT,
+        budget: int = _EFFORT,
     ) -> BrakingMotion:
         """Roll out the braking motion from a state until rest.
 
@@ -234,15 +234,16 @@ class Braking:
             together: way that is tried first, that of the last motion: see ``BrakingMotion``.
             budget: largest effort, in Runge-Kutta steps.
         """
+        effort, most = 0, min(budget, _EFFORT // 2)
         for way in (together, not together):
             for coarse in (self._coarse, 1):  # the finest steps only where coarse ones cannot tell
-                found, used = self._rolled_out(start, t, before, ground, way, coarse, min(budget, _EFFORT))
-                budget -= used
+                found = self._rolled_out(start, t, before, ground, way, coarse, min(budget - effort, most))
+                effort += found.effort
                 if found.problem != _DOUBTFUL:
                     break
-            if budget <= 0 or found.problem in (None, self._late):
+            if effort >= budget or found.problem in (None, self._late):
                 break
-        return found
+        return found._replace(effort=effort)
 
     def _rolled_out(
         self,
@@ -253,8 +254,8 @@ class Braking:
         together: bool,
         coarse: int,
         budget: int,
-    ) -> tuple[BrakingMotion, int]:
-        """Motion whose joints come to rest at the same time, or each as fast as it can, and its effort.
+    ) -> BrakingMotion:
+        """Motion whose joints come to rest at the same time, or each as fast as it can.
 
         Its steps are at most ``coarse`` times as long as the finest.
         """
@@ -287,7 +288,7 @@ class Braking:
                 problem = _LONG
         except (SingularityError, DivergenceError) as error:
             problem = str(error)
-        return BrakingMotion(start.q, start.v2, np.array(inputs), problem, first), precision.effort
+        return BrakingMotion(start.q, start.v2, np.array(inputs), problem, first, precision.effort)
 
     def _under(
         self, T: Array, held: int, state: StateEvaluation, t: float, allowed: Array, precision: _Precision
