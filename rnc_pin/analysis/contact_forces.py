@@ -14,7 +14,7 @@ from rnc_pin.array_shapes import Array, Bool, Float
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.math.convex_programs import least_shares
 from rnc_pin.model.cached_property import cached_property
-from rnc_pin.model.evaluator import Evaluator, evaluator_for
+from rnc_pin.model.evaluator import evaluator_for
 from rnc_pin.model.input_validation import Positive, check_positive_settings
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.rows import OutputStack
@@ -57,6 +57,9 @@ class ContactForceSet:
         self._rows = reduced.all_constraints.size
         # Loads without a row follow from the balance of the whole robot on the plane: they are unknowns of their own.
         self._by_motion = ~self.normal.carried_by_row
+        # With all constraint rows as outputs; made now, as it takes longer than a sample of a controller.
+        rows = cast("OutputStack", reduced.all_constraints)
+        self._measuring = evaluator_for(reduced.reduction_data.measuring(rows), reduced.evaluator)
         places = {each.point: number for number, each in enumerate(self.normal.contacts)}
         self._places = [places.get(each.point) for each in self.contacts]
 
@@ -73,12 +76,6 @@ class ContactForceSet:
             elif place is not None and contact.up is not None:
                 out[number, 0, contact.up] = 1.0
         return out
-
-    @cached_property
-    def _measuring(self) -> Evaluator:
-        """Evaluator that has all constraint rows as its outputs."""
-        rows = cast("OutputStack", self._reduced.all_constraints)
-        return evaluator_for(self._reduced.reduction_data.measuring(rows), self._reduced.evaluator)
 
     def _effects(self, rows: Array, lines: ContactLines | None) -> tuple[Array, Array | None]:
         """Matrices W (N, e, y) of the equations, and the combinations (N, e', 3) of the plane's balances in it."""

@@ -436,7 +436,7 @@ class NormalForces:
         # One call instead of one for each input: the centroidal map is linear in the accelerations.
         pin.computeCentroidalMap(model, data, q)
         change = (v_dot - v_dot[0]) @ data.Ag.T
-        change[:, 3:] += np.cross(data.com[0], change[:, :3])  # moments about the origin
+        change[:, 3:] -= change[:, :3] @ pin.skew(data.com[0])  # moments about the origin
         for column, frame, row in self._reduced.actuation.frames:
             change -= np.outer(T[:, column] - T[0, column], data.oMf[frame].act(pin.Force(np.eye(6)[row])).vector)
         return np.asarray(first + change)

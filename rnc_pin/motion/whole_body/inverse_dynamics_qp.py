@@ -371,13 +371,14 @@ class InverseDynamicsQP(WholeBodyProgram):
             above, below = (np.where(averaged, 2.0 * mean - each, reached) for each in (rows.upper, rows.lower))
             highest, lowest = np.maximum(reached, above), np.minimum(reached, below)
             if attempt and not found.excess.any():
-                # What is left is of the order of the sample: limits that act are met by the least motion.
+                # What is left is small: the least motion brings the limits that act to their bounds. Tasks lose no more
+                # than that, and a program costs ten times as much.
                 over, under = highest - rows.upper, rows.lower - lowest
-                wanted = np.zeros(len(bounds.places))
-                wanted[:motions] = np.where(over > under, -over, under)
-                acting = found.multipliers[:, bounds.places].any(axis=0)
+                missing = np.zeros(len(bounds.places))
+                missing[:motions] = np.where(over > under, -over, under)
+                acting = np.array(found.multipliers[:, bounds.places].any(axis=0))
                 acting[:motions] |= beyond > _BEYOND
-                change, *_ = np.linalg.lstsq(bounds.rows[acting], wanted[acting], rcond=None)
+                change, *_ = np.linalg.lstsq(bounds.rows[acting], missing[acting], rcond=None)
                 found = found._replace(unknowns=found.unknowns + change)
                 continue
             expected = rows.jacobian @ (sample.end.R @ program.velocity(found.unknowns) + sample.end.b)

@@ -17,7 +17,7 @@ from rnc_pin.control.twist_controller import TwistController
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.math.linear_algebra import as_slice
 from rnc_pin.model.cached_property import cached_property
-from rnc_pin.model.evaluator import Evaluator, evaluator_for
+from rnc_pin.model.evaluator import evaluator_for
 from rnc_pin.model.input_validation import Axes, NotNegative
 from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.reduced_model import ReducedModel
@@ -178,10 +178,14 @@ class BoundOutput(BoundTask):
         check_size(reference, len(self.names), f"'{', '.join(self.names)}'")
         # A quasi-velocity has no position, so its gain has no effect.
         self.gain = task.numbers("gain", task.gain, len(self.names)) * ~stack.quasi
-        self._together = OutputsTogether([self], reduced)
+        self._reduced = reduced
+
+    @cached_property
+    def _alone(self) -> OutputsTogether:
+        return OutputsTogether([self], self._reduced)
 
     def rows(self, sample: ControlSample) -> TaskRows:
-        (jacobian,), (rate,) = self._together.rows(sample)
+        (jacobian,), (rate,) = self._alone.rows(sample)
         return TaskRows(jacobian, rate)
 
 
@@ -203,10 +207,8 @@ class OutputsTogether:
             if isinstance(reference, Hold):
                 self._held[0, :, where] = reference.at(0.0).position
         self._references = [(reference, where) for reference, where in placed if not isinstance(reference, Hold)]
-
-    @cached_property
-    def _evaluator(self) -> Evaluator:
-        return evaluator_for(self._reduced.reduction_data.measuring(self._stack), self._reduced.evaluator)
+        # Made now: it takes longer than a sample.
+        self._evaluator = evaluator_for(reduced.reduction_data.measuring(self._stack), reduced.evaluator)
 
     def rows(self, *samples: ControlSample) -> tuple[Float[Array, "s k nv"], Float[Array, "s k"]]:
         """Return the rows of all tasks at the ends of samples, and their rates."""
