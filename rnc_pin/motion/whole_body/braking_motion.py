@@ -191,7 +191,11 @@ class Braking:
         asked = np.maximum(rows.lower, -rows.upper)[~self._limits.judged_by_rows[rows.places]]
         moved = bool((asked > _BEYOND).any())  # limits ask for motion: an obstacle comes nearer, or one is exceeded
         budget = max(self._budget, _AGAIN) if kept is None or moved else self._budget
-        after = self._after(t, eased, before, ground, together, budget)
+        broken = self._broken(eased.exceeded, np.maximum(before, _KEPT))
+        after = BrakingMotion(eased.q, eased.v2, np.zeros((0, len(before))), broken)
+        if broken is None:
+            end = known_state(self._reduced, eased.q, eased.v2, t + self._dt)
+            after = self.motion(end, t + self._dt, before, ground, together, budget)
         if after.problem is None:
             braked = state.braked if eased is planned else state.braked.and_one(t, state.braked.reason)
             share = min(1.0, share + _EASED)
@@ -263,8 +267,8 @@ class Braking:
         decided: list[tuple[Array, Array, Array]] = []
         problem: str | None = self._late
         # A joint that has stopped would hinder the others: from then on, all stop together.
-        slow, first = np.abs(start.v2), together
-        slow = np.where(slow > _SMALL * slow.max(initial=0.0), _SMALL * slow, 0.0)
+        speed, first = np.abs(start.v2), together
+        slow = np.where(speed > _SMALL * speed.max(initial=0.0), _SMALL * speed, 0.0)
         state, allowed, most = start, np.maximum(before, _KEPT), round(self._longest / self._dt) + 1
         precision = _Precision(allowed, coarse)
         try:
@@ -445,9 +449,7 @@ class Braking:
         """
         whole, limits = count * self._dt, self._limits
         finest = -(-count // self._fine)
-        steps = -(-finest // coarse)
-        if steps == 1:  # Simpson's rule takes two
-            steps = min(finest, 2)
+        steps = max(-(-finest // coarse), min(finest, 2))  # Simpson's rule takes two
         h, doubts = whole / steps, np.zeros(steps)
         q, v2, v, rates, way = self._motion.trace(self._reduced.evaluator, start.q, start.v2, T, h, steps)
         end = known_state(self._reduced, q[-1], v2[-1], t + whole)
@@ -473,19 +475,8 @@ class Braking:
             return None
         q, v, T = (np.array(each) for each in zip(*decided, strict=True))
         excess = np.zeros(len(self._names))
-        excess[len(self._names) - len(self._contacts.names) :] = self._contacts.excess(self._reduced.at(q, v=v), T)
+        excess[-len(self._contacts.names) :] = self._contacts.excess(self._reduced.at(q, v=v), T)
         return self._broken(excess, allowed)
-
-    def _after(
-        self, t: float, reached: BrakedSample, before: Array, ground: ContactBounds, together: bool, budget: int
-    ) -> BrakingMotion:
-        """Braking motion from the end of a sample; its problem is that of the sample if this exceeds a limit."""
-        broken = self._broken(reached.exceeded, np.maximum(before, _KEPT))
-        if broken is not None:
-            return BrakingMotion(reached.q, reached.v2, np.zeros((0, len(reached.T))), broken)
-        t += self._dt
-        start = known_state(self._reduced, reached.q, reached.v2, t)
-        return self.motion(start, t, before, ground, together, budget)
 
     def _broken(self, exceeded: Array, allowed: Array) -> str | None:
         """First limit that is exceeded by more than is allowed."""

@@ -20,13 +20,7 @@ from rnc_pin.model.state_evaluation import NO_EFFECT, StateEvaluation
 from rnc_pin.motion.whole_body.braking_motion import BrakedSample, Braking, BrakingState
 from rnc_pin.motion.whole_body.limit_stack import ContactBounds, ContactCones, ProgramBounds
 from rnc_pin.motion.whole_body.limits.control_limit import ControlLimit, ControlSample, LimitRows, known_state
-from rnc_pin.motion.whole_body.task_hierarchy import (
-    MotionBasis,
-    RelaxedSolution,
-    SampledDamping,
-    TaskLevels,
-    solve_within,
-)
+from rnc_pin.motion.whole_body.task_hierarchy import MotionBasis, SampledDamping, TaskLevels, solve_within
 from rnc_pin.motion.whole_body.tasks import ControlTask
 from rnc_pin.motion.whole_body.whole_body_program import SampleCount, WholeBodyProgram
 from rnc_pin.verdict import SHORTFALL, Finding, FindingKind, Severity
@@ -341,15 +335,8 @@ class InverseDynamicsQP(WholeBodyProgram):
             lowest = slice(-self._reduced.r, None)
             return np.asarray(levels.rate[lowest].dot(levels.jacobian[lowest]))
 
-        def solved(bounds: ProgramBounds, last: RelaxedSolution | None = None) -> RelaxedSolution:
-            given, start = (
-                (sampled, multipliers) if last is None else (sampled._replace(near=last.damping), last.multipliers)
-            )
-            # Limits that exclude each other still do after a correction: an attempt to keep them is spared.
-            exclusive = last is not None and bool(last.excess.any())
-            return solve_within(levels, bounds, self._limits, rest, 0.0, start, self._forces, given, exclusive)
-
-        found = best = solved(bounds)
+        always = self._limits, rest, 0.0
+        found = best = solve_within(levels, bounds, *always, multipliers, self._forces, sampled)
         least, best_end = np.inf, None
         # Mostly the motion is far from all limits: then nothing need be integrated.
         T, v2 = program.efforts(found.unknowns), program.velocity(found.unknowns)
@@ -361,7 +348,7 @@ class InverseDynamicsQP(WholeBodyProgram):
             reached, averaged = rows.jacobian @ end.v, self._limits.averaged[rows.places]
             mean = np.where(averaged, rows.jacobian @ self._mean_velocity(state, end), reached)
             beyond = np.maximum(np.maximum(reached, mean) - rows.upper, rows.lower - np.minimum(reached, mean))
-            beyond -= found.excess[rows.places]
+            beyond -= (excess := found.excess[rows.places])
             if not beyond.max() < least:
                 break  # near singular coordinates, corrections need not converge
             best, best_end, least = found, end, float(beyond.max())
@@ -370,10 +357,10 @@ class InverseDynamicsQP(WholeBodyProgram):
             # A change of the velocity at the end changes the mean by half of it.
             above, below = (np.where(averaged, 2.0 * mean - each, reached) for each in (rows.upper, rows.lower))
             highest, lowest = np.maximum(reached, above), np.minimum(reached, below)
-            if attempt and not found.excess.any():
+            if attempt:
                 # What is left is small: the least motion brings the limits that act to their bounds. Tasks lose no more
                 # than that, and a program costs ten times as much.
-                over, under = highest - rows.upper, rows.lower - lowest
+                over, under = highest - rows.upper - excess, rows.lower - lowest - excess
                 missing = np.zeros(len(bounds.places))
                 missing[:motions] = np.where(over > under, -over, under)
                 acting = np.array(found.multipliers[:, bounds.places].any(axis=0))
@@ -385,7 +372,10 @@ class InverseDynamicsQP(WholeBodyProgram):
             lower, upper = bounds.lower.copy(), bounds.upper.copy()
             lower[:motions] += expected - lowest
             upper[:motions] += expected - highest
-            found = solved(bounds._replace(lower=lower, upper=upper), found)
+            # Limits that exclude each other still do after a correction: an attempt to keep them is spared.
+            exclusive, near = bool(excess.any()), sampled._replace(near=found.damping)
+            shifted = bounds._replace(lower=lower, upper=upper)
+            found = solve_within(levels, shifted, *always, found.multipliers, self._forces, near, exclusive)
             if found.unsolved:
                 break
         if not far:
