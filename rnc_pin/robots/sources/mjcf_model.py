@@ -385,21 +385,6 @@ _SHAPES = {
 }
 
 
-class _Shape(NamedTuple):
-    """Shape of a body; ``mesh`` and ``scale`` are for meshes only."""
-
-    name: str
-    kinds: tuple[str, ...]
-    joint: int
-    frame: int
-    placement: pin.SE3
-    type: int
-    size: np.ndarray
-    color: np.ndarray
-    mesh: str
-    scale: np.ndarray
-
-
 class MjcfGeometry:
     """Function for the geometry of a kind, "visual" or "collision". It reads meshes when it is called.
 
@@ -413,8 +398,12 @@ class MjcfGeometry:
 
     def __init__(self, compiled: mujoco.MjModel, built: ModelBuilder, assets: MeshAssets) -> None:
         self._assets = assets
-        known = [k for k in range(compiled.ngeom) if compiled.geom_type[k] in (*_SHAPES, _MESH)]
-        self._shapes = [_read(compiled, k, built) for k in known]
+        self._models = {kind: pin.GeometryModel() for kind in ("visual", "collision")}
+        """Shapes of each kind, with a sphere in place of each mesh."""
+        self._meshes: dict[str, tuple[str, np.ndarray]] = {}
+        for k in range(compiled.ngeom):
+            if compiled.geom_type[k] in (*_SHAPES, _MESH):
+                self._add(compiled, k, built)
 
     def __call__(self, kind: str) -> pin.GeometryModel:
         """Return the geometry.
@@ -422,46 +411,34 @@ class MjcfGeometry:
         Raises:
             ModelError: a mesh cannot be used.
         """
-        geometry, shapes = pin.GeometryModel(), [each for each in self._shapes if kind in each.kinds]
-        meshes = self._assets.load([(each.mesh, each.scale) for each in shapes if each.type == _MESH])
-        for each in shapes:
-            if each.type == _MESH:
-                file, scale, shape = next(meshes)
-            else:
-                shape, scale = _SHAPES[each.type](each.size), np.ones(3)
-                file = type(shape).__name__.upper()  # as Pinocchio names them
-            geometry.addGeometryObject(
-                pin.GeometryObject(
-                    each.name, each.joint, each.frame, each.placement, shape, file, scale, False, each.color
-                )
-            )
+        geometry = self._models[kind].copy()
+        names = [shape.name for shape in geometry.geometryObjects if shape.name in self._meshes]
+        meshes = self._assets.load([self._meshes[name] for name in names])
+        mesh_formats.put_in(geometry, dict(zip(names, meshes, strict=True)))
         return geometry
 
-
-def _read(compiled: mujoco.MjModel, k: int, built: ModelBuilder) -> _Shape:
-    body, mesh = compiled.geom_bodyid[k], int(compiled.geom_dataid[k])
-    carrier = built.carriers[body]
-    place = carrier.placement * pose(compiled.geom_pos[k], compiled.geom_quat[k])
-    if compiled.geom_type[k] == _MESH:  # MuJoCo rotates meshes to their principal axes
-        place = place * pose(compiled.mesh_pos[mesh], compiled.mesh_quat[mesh]).inverse()
-    collision_only = 3  # groups from here on are not drawn if they collide, as Pinocchio has it
-    kinds = ("visual", "collision") if compiled.geom_group[k] < collision_only else ("collision",)
-    # Shapes that never collide are drawn, whatever their group.
-    if not (compiled.geom_contype[k] or compiled.geom_conaffinity[k]):
-        kinds = ("visual",)
-    material = compiled.geom_matid[k]
-    color = compiled.geom_rgba[k] if material < 0 else compiled.mat_rgba[material]
-    is_mesh = compiled.geom_type[k] == _MESH
-    return _Shape(
-        compiled.geom(k).name or f"{'world' if body == 0 else carrier.name}Geom_{k - compiled.body_geomadr[body]}",
-        kinds,
-        carrier.joint,
-        carrier.frame,
-        place,
-        int(compiled.geom_type[k]),
-        np.array(compiled.geom_size[k]),
+    def _add(self, compiled: mujoco.MjModel, k: int, built: ModelBuilder) -> None:
+        body, mesh = compiled.geom_bodyid[k], int(compiled.geom_dataid[k])
+        carrier = built.carriers[body]
+        name = (
+            compiled.geom(k).name or f"{'world' if body == 0 else carrier.name}Geom_{k - compiled.body_geomadr[body]}"
+        )
+        place = carrier.placement * pose(compiled.geom_pos[k], compiled.geom_quat[k])
+        shape = coal.Sphere(1.0)
+        if compiled.geom_type[k] == _MESH:  # MuJoCo rotates meshes to their principal axes
+            place = place * pose(compiled.mesh_pos[mesh], compiled.mesh_quat[mesh]).inverse()
+            self._meshes[name] = compiled.mesh(mesh).name, np.array(compiled.mesh_scale[mesh])
+        else:
+            shape = _SHAPES[compiled.geom_type[k]](np.array(compiled.geom_size[k]))
+        collision_only = 3  # groups from here on are not drawn if they collide, as Pinocchio has it
+        kinds = ("visual", "collision") if compiled.geom_group[k] < collision_only else ("collision",)
+        # Shapes that never collide are drawn, whatever their group.
+        if not (compiled.geom_contype[k] or compiled.geom_conaffinity[k]):
+            kinds = ("visual",)
+        material = compiled.geom_matid[k]
+        color = compiled.geom_rgba[k] if material < 0 else compiled.mat_rgba[material]
         # MuJoCo has colours in single precision, in which 0.8 is 0.800000012.
-        np.round(color.astype(float), 6),
-        compiled.mesh(mesh).name if is_mesh else "",
-        np.array(compiled.mesh_scale[mesh]) if is_mesh else np.ones(3),
-    )
+        color, file = np.round(color.astype(float), 6), type(shape).__name__.upper()  # named as Pinocchio names shapes
+        made = pin.GeometryObject(name, carrier.joint, carrier.frame, place, shape, file, np.ones(3), False, color)
+        for kind in kinds:
+            self._models[kind].addGeometryObject(made)
