@@ -306,7 +306,7 @@ class CollisionDistances:
             q = self._validator.validate(q)
         self._place(q, t)
         near = self._bounds.nearby(self._at, within)
-        found = self._measure(near, self._at.rotations, self._at.origins)
+        found = self._measurement.measure(near, self._at.rotations, self._at.origins)
         # All of them: a pair that is farther than asked for is bounded too, and is not measured again nearby.
         self._bounds.measured(near, found[:, 0])
         if within < np.inf:
@@ -339,7 +339,7 @@ class CollisionDistances:
             middles = self._at.middles
             origins = self._at.origins.copy()
             origins[first] = middles[first] + np.matvec(rotation, origins[first] - middles[first])
-            measured = self._measure(pairs, rotations, origins)
+            measured = self._measurement.measure(pairs, rotations, origins)
             # The nearest point of the turned body belongs to a point of the body as it is: turn it back.
             a = middles[first] + np.matvec(rotation.T, measured[:, 4:7] - middles[first])
             for point, plane, sign in ((a, near.point_b, 1.0), (measured[:, 7:10], near.point_a, -1.0)):
@@ -362,7 +362,7 @@ class CollisionDistances:
         self._place(self._validator.validate(q), t)
         bounds = self._bounds.of_volumes(self._at)
         near = np.flatnonzero(bounds < beyond)
-        bounds[near] = self._measure(near, self._at.rotations, self._at.origins)[:, 0]
+        bounds[near] = self._measurement.measure(near, self._at.rotations, self._at.origins)[:, 0]
         return bounds
 
     # ------------------------------------------------------------------ along motions
@@ -429,16 +429,12 @@ class CollisionDistances:
         return np.concatenate(
             [np.zeros((0, NUMBERS))]
             + [
-                self._measure(pairs[start:end], placed.rotations[places[start]], placed.origins[places[start]])
+                self._measurement.measure(
+                    pairs[start:end], placed.rotations[places[start]], placed.origins[places[start]]
+                )
                 for start, end in pairwise([0, *ends.tolist()])
             ]
         )
-
-    def _measure(self, pairs: np.ndarray, rotations: np.ndarray, origins: np.ndarray) -> np.ndarray:
-        """Distance, normal and nearest points of pairs, (k, 10), at poses of the shapes."""
-        listed: list[int] = pairs.tolist()
-        self._measurement.place(listed, rotations, origins)
-        return self._measurement.measure(listed)
 
     # ------------------------------------------------------------------ set-up
 

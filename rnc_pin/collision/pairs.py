@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -188,71 +187,39 @@ class PairMeasurement:
         self._pairs, self._poses = pairs, [coal.Transform3s() for _ in shapes]
         request, result = _request(_GJK), coal.DistanceResult()
         self._request_of_touching = _request(_GJK_OF_TOUCHING)
-        self._result, self._memory = result, _memory_of(result)
+        self._result = result
         # Arguments are made once: placements are written into the same objects.
         poses = self._poses
         self._arguments = [
             (shapes[a], poses[a], shapes[b], poses[b], request, result) for a, b in (pair[:2] for pair in pairs)
         ]
-        self._shapes_of = [pair[:2] for pair in pairs]
 
-    def place(
-        self, pairs: Sequence[int], rotations: Float[np.ndarray, "s 3 3"], origins: Float[np.ndarray, "s 3"]
-    ) -> None:
-        """Give coal the poses of the shapes of these pairs.
+    def measure(
+        self, pairs: Int[np.ndarray, " k"], rotations: Float[np.ndarray, "s 3 3"], origins: Float[np.ndarray, "s 3"]
+    ) -> Float[np.ndarray, "k 10"]:
+        """Numbers of pairs at poses of the shapes.
 
         Args:
             pairs: indices of the pairs.
             rotations: rotations of all shapes in the world.
             origins: origins of all shapes in the world [m].
-        """
-        columns = rotations.swapaxes(1, 2).copy()  # coal copies matrices that are stored by rows
-        poses, used = self._poses, {shape for pair in pairs for shape in self._shapes_of[pair]}
-        for k in used:
-            poses[k].setTransform(columns[k].T, origins[k])
-
-    def measure(self, pairs: Sequence[int]) -> Float[np.ndarray, "k 10"]:
-        """Numbers of pairs, read-only.
-
-        Args:
-            pairs: indices of the pairs, whose shapes were placed.
 
         Raises:
             SimulationError: coal finds no depth of a penetration.
         """
-        read = self._attributes if self._memory is None else self._memory.tobytes
-        clear, arguments = self._result.clear, self._arguments
-        found = []
-        for pair in pairs:
-            clear()
+        listed = pairs.tolist()
+        columns = rotations.swapaxes(1, 2).copy()  # coal copies matrices that are stored by rows
+        for k in {shape for pair in listed for shape in self._pairs[pair][:2]}:
+            self._poses[k].setTransform(columns[k].T, origins[k])
+        found = np.empty((len(listed), NUMBERS))
+        result, arguments = self._result, self._arguments
+        for row, pair in zip(found, listed, strict=True):
+            result.clear()
             # The comparison is false for NaN too.
             if not coal.distance(*arguments[pair]) > _FAILED:
-                clear()
-                if not coal.distance(*arguments[pair][:4], self._request_of_touching, self._result) > _FAILED:
+                result.clear()
+                if not coal.distance(*arguments[pair][:4], self._request_of_touching, result) > _FAILED:
                     raise SimulationError(f"coal found no penetration depth of {self._pairs[pair].label}")
-            found.append(read())
-        return np.frombuffer(b"".join(found)).reshape(-1, NUMBERS)
-
-    def _attributes(self) -> bytes:
-        """Numbers of the last result, where its memory has another order."""
-        result = self._result
-        points = result.getNearestPoint1(), result.getNearestPoint2()
-        return np.concatenate([[result.min_distance], result.normal, *points]).tobytes()
-
-
-def _memory_of(result: coal.DistanceResult) -> Float[np.ndarray, " 10"] | None:
-    """View of the numbers in the memory of a result; None if this version of coal stores them in another order.
-
-    To read the attributes takes as long as to measure the distance. The caller keeps the result alive.
-    """
-    # A view of coal's memory is needed to find the distance, which is stored before the normal.
-    if result.normal.flags.owndata:
-        return None
-    first = result.normal.ctypes.data - ctypes.sizeof(ctypes.c_double)
-    # One known distance decides below: the layout is not documented, and another version may change it.
-    memory = np.ctypeslib.as_array((ctypes.c_double * NUMBERS).from_address(first))
-    boxes, apart = [coal.Box(*sides) for sides in ((0.3, 0.5, 0.7), (0.2, 0.4, 0.6))], coal.Transform3s()
-    apart.setTranslation(np.array([1.0, 2.0, 3.0]))
-    distance = coal.distance(boxes[0], coal.Transform3s(), boxes[1], apart, coal.DistanceRequest(), result)
-    points = result.getNearestPoint1(), result.getNearestPoint2()
-    return memory if np.array_equal(memory, np.concatenate([[distance], result.normal, *points])) else None
+            row[0], row[1:4] = result.min_distance, result.normal
+            row[4:7], row[7:] = result.getNearestPoint1(), result.getNearestPoint2()
+        return found
