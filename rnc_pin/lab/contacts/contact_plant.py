@@ -150,7 +150,7 @@ class ContactPlant:
         if self._sliding is None:
             return {}
         layout = self._rows.layout(frozenset(range(len(self._contacts))), joints=False)
-        return dict(zip(layout.names, layout.units, strict=True))
+        return dict.fromkeys(layout.names, "N")
 
     def report(self) -> PlantReport:
         """Return inputs, work, model, forces, contacts and errors.

@@ -302,7 +302,7 @@ class SlidingPlant:
         sliding = self._slides(layout, slip)
         changes = sliding != self._now.sliding
         if len(start.slip) == len(slip):
-            moving = (each.rows for each, key in zip(layout.groups, layout.keys, strict=True) if key in sliding)
+            moving = (each.rows for each in layout.groups if each.key in sliding)
             # Slip that turns back came to rest within the step, where friction jumps.
             changes = changes or any(slip[own] @ start.slip[own] < 0.0 for own in moving)
         work = start.work + h * 0.5 * float((start.v + v) @ outside)
@@ -312,8 +312,7 @@ class SlidingPlant:
         """Keys of the friction groups that move at velocities (k,) of the rows."""
         slides = 1e-6  # slip that counts as sliding, relative to the largest velocity, plus 1
         limit = (slides * (1.0 + float(np.abs(self._now.v).max()))) ** 2
-        moving = (slip[each.rows] @ slip[each.rows] > limit for each in layout.groups)
-        return frozenset(key for key, moves in zip(layout.keys, moving, strict=True) if moves)
+        return frozenset(each.key for each in layout.groups if slip[each.rows] @ slip[each.rows] > limit)
 
     def _note(self, sliding: frozenset[int]) -> list[Change]:
         """Note which friction groups move, and return the contacts that begin to slide or to stick."""

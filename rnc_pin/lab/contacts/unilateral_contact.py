@@ -68,7 +68,6 @@ class BoundContact:
         contact: the contact.
         name: frame of the constraint, or its height row.
         names: names of the rows along which it acts: the height row, and rows that prevent slip.
-        units: units of the forces along these rows.
         friction: number of the rows that prevent slip, and the coefficient, infinite without a limit.
         has_limit: True if a coefficient limits friction.
         needs_coefficient: True if it prevents slip without a limit.
@@ -107,7 +106,6 @@ class BoundContact:
         slips = [] if contact.friction == 0.0 else slips
         self._order = [self._height, *slips]
         self.names = tuple(rows.names[row] for row in self._order)
-        self.units = ("N",) * len(self._order)
         self.friction = len(slips), np.inf if contact.friction is None else float(contact.friction)
         kinematics, generator = Kinematics(robot), np.random.default_rng(0)
         samples = 3  # random configurations: a joint that changes the gap does so at almost all
@@ -172,12 +170,14 @@ class FrictionGroup(NamedTuple):
         coefficient: coefficient of friction; infinite for no slip while the contact is
             closed.
         constant: impulse [N s or N m s].
+        key: number of the contact, or -1 and less for the joints.
     """
 
     rows: slice
     normal: int
     coefficient: float
     constant: float = 0.0
+    key: int = 0
 
     def limit(self, p: np.ndarray) -> float:
         """Largest norm of the impulse beside impulses p (k,).
@@ -197,8 +197,6 @@ class RowLayout(NamedTuple):
         normals: rows of the normal impulses.
         groups: friction; limits of joint friction are forces.
         names: names of the rows of contacts.
-        units: units of the forces along them.
-        keys: of the groups, number of the contact, or -1 and less for the joints.
     """
 
     contacts: list[BoundContact]
@@ -206,8 +204,6 @@ class RowLayout(NamedTuple):
     normals: list[int]
     groups: list[FrictionGroup]
     names: list[str]
-    units: list[str]
-    keys: list[int]
 
 
 class ContactRows:
@@ -234,23 +230,18 @@ class ContactRows:
         return self._layouts[touching, joints]
 
     def _layout(self, touching: frozenset[int], joints: bool) -> RowLayout:
-        found = RowLayout([], 0, [], [], [], [], [])
-        k = 0
+        found, k = RowLayout([], 0, [], [], []), 0
         for number in sorted(touching):
-            each, first = self._contacts[number], k
+            each = self._contacts[number]
             found.contacts.append(each)
-            found.normals.append(first)
+            found.normals.append(k)
             found.names.extend(each.names)
-            found.units.extend(each.units)
-            k += 1
             size, coefficient = each.friction
             if size:
-                found.groups.append(FrictionGroup(slice(k, k + size), first, coefficient))
-                found.keys.append(number)
-                k += size
+                found.groups.append(FrictionGroup(slice(k + 1, k + 1 + size), k, coefficient, key=number))
+            k += 1 + size
         for joint, limit in enumerate(self._dry.limits if joints else ()):
-            found.groups.append(FrictionGroup(slice(k, k + 1), -1, 0.0, float(limit)))
-            found.keys.append(-1 - joint)
+            found.groups.append(FrictionGroup(slice(k, k + 1), -1, 0.0, float(limit), -1 - joint))
             k += 1
         return found._replace(size=k)
 
