@@ -327,11 +327,10 @@ class ActuatorMapping:
         force, drawn = np.zeros(self._robot.nv), np.zeros(len(self.drawn))
         if not self._groups:
             return force, drawn
-        maps, effects = self._maps(q, self._used)
+        of_inputs, of_drives = self._effects(q, self._used)
         for columns, drives in self._groups:
-            # Only the effect on admissible motion counts: the rest of the force is carried by the constraints.
-            effect = maps[0] @ (maps[1][:, columns] @ T[columns])
-            torques = np.linalg.lstsq(maps[0] @ effects[:, drives], effect, rcond=_RANK_TOLERANCE)[0]
+            wanted = of_inputs[:, columns] @ T[columns]
+            torques = np.linalg.lstsq(of_drives[:, drives], wanted, rcond=_RANK_TOLERANCE)[0]
             for drive, torque in zip(drives, torques, strict=True):
                 wheel = self._drives[drive]
                 if wheel.velocity_index is None:
@@ -359,16 +358,17 @@ class ActuatorMapping:
 
     # ------------------------------------------------------------------ which wheels
 
-    def _maps(self, q: np.ndarray, used: Sequence[int]) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
-        """Return a basis of admissible motion (r, nv), B (nv, p), and effects of drives (nv, k), else zero."""
+    def _effects(self, q: np.ndarray, used: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+        """Effects on admissible motion of unit inputs (r, p), and of unit torques of drives (r, k), else zero."""
         at = self._kinematics.position(q)
         rows = self._rows.jacobian(at)
+        # Only the effect on admissible motion counts: the rest of a force is carried by the constraints.
         basis = scipy.linalg.null_space(rows, rcond=_RANK_TOLERANCE).T if len(rows) else np.eye(self._robot.nv)
         pin.computeJointJacobians(self._robot.model, self._data, q)
-        effects = np.zeros((self._robot.nv, len(self._drives)))
+        forces = np.zeros((self._robot.nv, len(self._drives)))
         for drive in used:
-            effects[:, drive] = self._drives[drive].effect(self._robot, self._data)
-        return (basis, self._actuation.matrix(at)), effects
+            forces[:, drive] = self._drives[drive].effect(self._robot, self._data)
+        return basis @ self._actuation.matrix(at), basis @ forces
 
     def _assigned(self, q: np.ndarray) -> list[tuple[list[int], list[int]]]:
         if not self._drives:
@@ -377,14 +377,14 @@ class ActuatorMapping:
         count = 3  # configurations near q: wheels that reproduce an input at all of them do so on the way
         moved = [0.3 * generator.uniform(-1, 1, self._robot.nv) for _ in range(count - 1)]
         everything = range(len(self._drives))
-        samples = [self._maps(each, everything) for each in (q, *(pin.integrate(model, q, step) for step in moved))]
+        samples = [self._effects(each, everything) for each in (q, *(pin.integrate(model, q, step) for step in moved))]
         groups: dict[tuple[int, ...], list[int]] = {}
         for column, frame, _ in self._actuation.frames:
             body = model.frames[frame].parentJoint
             same = tuple(k for k, drive in enumerate(self._drives) if self._carrying_joint(drive) == body)
             # The own wheels of the body first: a motor on a body drives these.
             for drives in (same, tuple(everything)):
-                if drives and all(_reproduces(maps, effects, column, drives) for maps, effects in samples):
+                if drives and all(_reproduces(each[:, column], other[:, drives]) for each, other in samples):
                     groups.setdefault(drives, []).append(column)
                     break
         return [(columns, list(drives)) for drives, columns in groups.items()]
@@ -395,9 +395,7 @@ class ActuatorMapping:
         return joint if drive.velocity_index is None else int(self._robot.model.parents[joint])
 
 
-def _reproduces(maps: tuple[np.ndarray, np.ndarray], effects: np.ndarray, column: int, drives: Sequence[int]) -> bool:
-    basis, matrix = maps
-    effect, wheels = basis @ matrix[:, column], basis @ effects[:, list(drives)]
+def _reproduces(effect: np.ndarray, wheels: np.ndarray) -> bool:
     missed = effect - wheels @ np.linalg.lstsq(wheels, effect, rcond=_RANK_TOLERANCE)[0]
     tolerance = 1e-6  # relative error below which wheels reproduce the effect of an actuator
     return bool(np.linalg.norm(missed) <= tolerance * np.linalg.norm(effect))
