@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -237,7 +238,7 @@ def _check_links(root: ElementTree.Element, path: Path) -> None:
         if numbers is not None and not numbers.any() and joint.get("type") not in ("fixed", "floating"):
             raise ModelError(f"{path}: the axis of joint '{joint.get('name')}' is zero")
     # Cycles first: all their links have parents, so they have no root to be reported.
-    _check_chains(links, parents, path)
+    _check_chains(parents, path)
     roots = [f"[{link}]" for link in links if link not in parents]
     if len(roots) > 1:
         raise ModelError(f"{path}: several root links: {few(roots, 6)}: attach all but one with fixed joints")
@@ -247,25 +248,21 @@ def _check_links(root: ElementTree.Element, path: Path) -> None:
             _check_mass(element, link, path)
 
 
-def _check_chains(links: Iterable[str], parents: Mapping[str, str], path: Path) -> None:
-    """Refuse loops, and chains too long for Pinocchio's recursion. Each link is visited once."""
+def _check_chains(parents: Mapping[str, str], path: Path) -> None:
+    """Refuse loops, and chains too long for Pinocchio's recursion."""
+    try:
+        order = list(TopologicalSorter({child: (parent,) for child, parent in parents.items()}).static_order())
+    except CycleError as error:
+        ring = error.args[1][0]
+        raise ModelError(
+            f"{path}: no root link: link '{ring}' is in a loop of links, each the parent of the next"
+        ) from None
     depths: dict[str, int] = {}
+    for link in order:
+        depths[link] = depths[parents[link]] + 1 if link in parents else 0
     longest = 1000  # links: Pinocchio visits them by recursion, which would overflow the stack
-    for link in links:
-        # An ordered set: the order of the links decides which depth each gets.
-        walked: dict[str, None] = {}
-        while link in parents and link not in depths and link not in walked:
-            walked[link] = None
-            link = parents[link]
-        if link in walked:
-            ring = list(walked)[-1]
-            raise ModelError(f"{path}: no root link: link '{ring}' is in a loop of links, each the parent of the next")
-        depth = depths.get(link, 0)
-        for each in reversed(walked):
-            depth += 1
-            depths[each] = depth
-        if depth > longest:
-            raise ModelError(f"{path}: a chain of more than {longest} links, each the parent of the next")
+    if max(depths.values(), default=0) > longest:
+        raise ModelError(f"{path}: a chain of more than {longest} links, each the parent of the next")
 
 
 def _end(joint: ElementTree.Element, end: str) -> str:
