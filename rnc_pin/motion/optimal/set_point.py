@@ -246,43 +246,37 @@ class SetPointBound(BoundCost):
         self._curved = any(coordinates.polynomials)
 
     def _residuals(self, nodes: NodeData, derivatives: bool) -> RowValues:
-        z, z_q = self._faded(nodes.at.q, derivatives)
-        top, powers = self._top, self._powers
-        size = np.abs(z)
-        s = np.sign(z) * size**powers
-        total = (s**2).sum(axis=1, keepdims=True) + self._least
+        """Residuals with their derivatives, which cost little."""
+        z, z_q = self._faded(nodes.at.q)
+        top, powers, size = self._top, self._powers, np.abs(z)
+        s, s_q = np.sign(z) * size**powers, (powers * size ** (powers - 1))[:, :, None] * z_q
         # |s|^2 + precision^(2 W) in place of |s|^2: no division by zero at the goal, and a smooth cost near it.
+        total = (s**2).sum(axis=1, keepdims=True) + self._least
         factor = total ** (-(top - 1) / (2 * top))
-        value, x = factor * s, None
-        if z_q is not None:
-            s_q = (powers * size ** (powers - 1))[:, :, None] * z_q
-            along = np.einsum("nk,nkv->nv", s, s_q) / total
-            slopes = factor[:, :, None] * (s_q - (top - 1) / top * s[:, :, None] * along[:, None])
-            x = np.concatenate([slopes, np.zeros((*slopes.shape[:2], nodes.model.nw))], axis=2)
-        if not nodes.model.nw:
-            return RowValues(value, x)
-        speed = velocity_rows(nodes, derivatives)
-        both = np.concatenate([value, speed.value], axis=1)
-        if x is None:
-            return RowValues(both)
-        assert speed.x is not None
-        return RowValues(both, np.concatenate([x, speed.x], axis=1))
+        along = np.einsum("nk,nkv->nv", s, s_q) / total
+        slopes = factor[:, :, None] * (s_q - (top - 1) / top * s[:, :, None] * along[:, None])
+        value, x = factor * s, np.concatenate([slopes, np.zeros((*slopes.shape[:2], nodes.model.nw))], axis=2)
+        if nodes.model.nw:
+            speed = velocity_rows(nodes, True)
+            value, x = (
+                np.concatenate([value, speed.value], axis=1),
+                np.concatenate([x, speed.full(x.shape[2], 0)[0]], axis=1),
+            )
+        return RowValues(value, x)
 
-    def _faded(self, q: Array, derivatives: bool) -> tuple[Array, Array | None]:
-        """Coordinates whose polynomials fade far from the goal, where they do not describe the robot.
+    def _faded(self, q: Array) -> tuple[Array, Array]:
+        """Coordinates whose polynomials fade far from the goal, where they do not describe the robot; with derivatives.
 
         They are multiplied by ``1 / (1 + S)``, with S the sum of ``|l_i|^(2 W / w_i)`` of the linear parts. So near
         the goal no term below the weights changes, and S grows faster than any polynomial.
         """
         coordinates = self._coordinates
         if not self._curved:
-            return coordinates.values(q), coordinates.jacobian(q) if derivatives else None
+            return coordinates.values(q), coordinates.jacobian(q)
         linear, z = coordinates.chart.coordinates(q) @ coordinates.linear.T, coordinates.values(q)
         size, power = np.abs(linear), 2 * self._powers
         share = 1.0 / (1.0 + (size**power).sum(axis=1, keepdims=True))
         bent = z - linear
-        if not derivatives:
-            return linear + share * bent, None
         linear_q = coordinates.linear @ coordinates.chart.jacobian(q)
         bent_q = coordinates.jacobian(q) - linear_q
         growth = np.einsum("nk,nkv->nv", power * np.sign(linear) * size ** (power - 1), linear_q)
