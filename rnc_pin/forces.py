@@ -14,9 +14,9 @@ from rnc_pin.math.linear_algebra import apply, apply_transposed
 from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.model.generalized_forces import ForceGradient, PassiveForce, admit_coefficients
 from rnc_pin.model.input_validation import Numbers, Positive, Vector
-from rnc_pin.model.kinematics import OWN_AXES, WORLD_AXES, PositionKinematics, VelocityKinematics, over_states
-from rnc_pin.model.rows import OutputKind, admit_rows
-from rnc_pin.model.user_functions import gradient_with_error, vector_gradient_with_error
+from rnc_pin.model.kinematics import OWN_AXES, WORLD_AXES, PositionKinematics, VelocityKinematics
+from rnc_pin.model.rows import OutputKind
+from rnc_pin.model.user_functions import UserFunction, gradient_with_error, vector_gradient_with_error
 from rnc_pin.robots.robot import Robot
 
 __all__ = ["Damper", "ForceFunction", "SmoothFriction", "Spring", "Wrench"]
@@ -269,17 +269,15 @@ class _ForceFunction(PassiveForce):
     generalized = True
 
     def __init__(self, kind: ForceFunction, robot: Robot) -> None:
-        self.name, self._kind, self._model, self._nv = kind.name, kind, robot.model, robot.nv
-        self._one(robot.configuration(), np.zeros(robot.nv))  # its shape
-
-    def _one(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        return admit_rows(self._kind.function(q, v), (self._nv,), f"function(q, v) of {self.name}")
+        self.name, self._model = kind.name, robot.model
+        self._function = UserFunction(kind.function, (robot.nv,), f"function(q, v) of {self.name}")
+        self._function(robot.configuration(), np.zeros(robot.nv))  # its shape
 
     def force(self, at: VelocityKinematics) -> np.ndarray:
-        return over_states(self._one, (self._nv,), at.q, at.v)
+        return self._function.over(at.q, at.v)
 
     def gradient(self, at: VelocityKinematics, along: VelocityKinematics) -> ForceGradient:
         # A function of the user has no closed form: differences, with an estimate of their error.
-        by_q, one = gradient_with_error(self._model, lambda p: self._one(p, at.v), at.q)
-        by_v, other = vector_gradient_with_error(lambda w: self._one(at.q, w), at.v)
+        by_q, one = gradient_with_error(self._model, lambda p: self._function(p, at.v), at.q)
+        by_v, other = vector_gradient_with_error(lambda w: self._function(at.q, w), at.v)
         return ForceGradient(by_q, by_v, max(one, other))

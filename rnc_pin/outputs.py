@@ -15,9 +15,9 @@ from rnc_pin.errors import ConfigurationError, ConstraintError, nearest
 from rnc_pin.math.linear_algebra import Entry, apply, complex_step, components, dot
 from rnc_pin.model.frame_rows import DirectionRows, FrameVelocityRows, axis_index, evaluated, rate_of
 from rnc_pin.model.input_validation import Axes, Axis
-from rnc_pin.model.kinematics import OWN_AXES, WORLD_AXES, PositionKinematics, VelocityKinematics, over_states
-from rnc_pin.model.rows import ConstantRows, OutputKind, OutputRows, admitting, check_defined
-from rnc_pin.model.user_functions import DerivedRate, check_rate
+from rnc_pin.model.kinematics import OWN_AXES, WORLD_AXES, PositionKinematics, VelocityKinematics
+from rnc_pin.model.rows import ConstantRows, OutputKind, OutputRows, check_defined
+from rnc_pin.model.user_functions import DerivedRate, UserFunction, check_rate
 from rnc_pin.robots.model_checks import joints_with_moving_axes
 from rnc_pin.robots.robot import Robot
 
@@ -578,12 +578,12 @@ class _CustomRows(OutputRows):
         self.units = ("",) * size
         self.angular = (kind.angular,) * size
         self.quasi = kind.value is None
-        self._shape, whose = (size, robot.nv), f" of output {self.names}"
-        self._jacobian = admitting(kind.jacobian, self._shape, f"jacobian(q){whose}")
+        shape, whose = (size, robot.nv), f" of output {self.names}"
+        self._jacobian = UserFunction(kind.jacobian, shape, f"jacobian(q){whose}")
         # One call at once: a wrong shape is told where the output is made, not in the first step of a run.
         self._jacobian(robot.configuration())
         if kind.value is not None:
-            self._value = admitting(kind.value, self._shape[:1], f"value(q){whose}")
+            self._value = UserFunction(kind.value, shape[:1], f"value(q){whose}")
             self._value(robot.configuration())
             # A value and a Jacobian of the user are two statements: differences at random states show if they disagree.
             along = partial(_product, self._jacobian)
@@ -593,16 +593,16 @@ class _CustomRows(OutputRows):
         if kind.jacobian_dot is not None:
             check_rate(robot, self._jacobian, kind.jacobian_dot, labels, self.names)
         rate = kind.jacobian_dot or DerivedRate(robot, self._jacobian, labels[0] + whose)
-        self._jacobian_dot = admitting(rate, self._shape, labels[1])
+        self._jacobian_dot = UserFunction(rate, shape, labels[1])
 
     def value(self, at: PositionKinematics) -> np.ndarray:
-        return super().value(at) if self.quasi else over_states(self._value, self._shape[:1], at.q)
+        return super().value(at) if self.quasi else self._value.over(at.q)
 
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
-        return over_states(self._jacobian, self._shape, at.q)
+        return self._jacobian.over(at.q)
 
     def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
-        return over_states(self._jacobian_dot, self._shape, at.q, at.v)
+        return self._jacobian_dot.over(at.q, at.v)
 
     def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
         # An output has no right-hand side: its acceleration at zero vdot is Jdot v.

@@ -16,8 +16,8 @@ from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import Component, apply
 from rnc_pin.model.coordinates import Coordinates, left_jacobian
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics, over_states
-from rnc_pin.model.rows import OutputKind, OutputRows, Rows, admit_rows, admitting
-from rnc_pin.model.user_functions import DerivedRate, Function, Rate, central_difference, check_rate
+from rnc_pin.model.rows import OutputKind, OutputRows, Rows
+from rnc_pin.model.user_functions import DerivedRate, Function, Rate, UserFunction, central_difference, check_rate
 from rnc_pin.robots.robot import Robot
 
 _WHOSE = " of a Pfaffian constraint"
@@ -315,9 +315,8 @@ class _PfaffianRows(Rows):
         self.units = ("",) * self._shape[0]
         self.affine = kind.rate is not None
         self.holonomic = (kind.residual is not None,) * self._shape[0]
-        admit_rows(sample, self._shape, f"rows(q){_WHOSE}")
-        self._functions: dict[str, Callable[..., Array]] = {}
-        self._admit("rows", "q", kind.rows)
+        self._functions: dict[str, UserFunction] = {}
+        self._admit("rows", "q", kind.rows)(*first)
         self._admit_rate("rows", kind.rows_dot, robot)
         if kind.rate is not None:
             self._admit("rate", "q", kind.rate)(*first)
@@ -327,13 +326,11 @@ class _PfaffianRows(Rows):
             residual, timed = self._admit("residual", "q", kind.residual), self.rheonomic
             check_rate(robot, residual, self._residual_rate, labels, self.names, angular=True, timed=timed)
 
-    def _admit(self, name: str, arguments: str, function: Function) -> Callable[..., Array]:
+    def _admit(self, name: str, arguments: str, function: Function) -> UserFunction:
         """Keep a function of the user, with its results admitted."""
-        self._functions[name] = admitting(function, self._shape_of(name), f"{name}({arguments}){_WHOSE}")
+        shape = self._shape if name.startswith("rows") else self._shape[:1]
+        self._functions[name] = UserFunction(function, shape, f"{name}({arguments}){_WHOSE}")
         return self._functions[name]
-
-    def _shape_of(self, name: str) -> tuple[int, ...]:
-        return self._shape if name.startswith("rows") else self._shape[:1]
 
     def _admit_rate(self, name: str, given: Rate | None, robot: Robot) -> None:
         """Keep the rate of a function: the user's, or a derived one."""
@@ -370,8 +367,8 @@ class _PfaffianRows(Rows):
         return self._evaluated("residual", at, at.q) if "residual" in self._functions else super().residual(at)
 
     def _evaluated(self, name: str, at: PositionKinematics, *arrays: Array) -> Array:
-        function, shape = self._functions[name], self._shape_of(name)
+        function = self._functions[name]
         if not self.rheonomic:
-            return over_states(function, shape, *arrays)
+            return function.over(*arrays)
         times = np.broadcast_to(at.t, at.q.shape[:-1])[..., None]
-        return over_states(lambda *state: function(*state[:-1], float(state[-1][0])), shape, *arrays, times)
+        return over_states(lambda *state: function(*state[:-1], float(state[-1][0])), function.shape, *arrays, times)

@@ -18,8 +18,8 @@ from rnc_pin._kernel.kernel_rows import KernelForce, KernelRow
 from rnc_pin.errors import ConstraintError, InputError, ModelError
 from rnc_pin.model.frame_rows import axis_index
 from rnc_pin.model.input_validation import Axis, Positive
-from rnc_pin.model.kinematics import OWN_AXES, PositionKinematics, VelocityKinematics, over_states
-from rnc_pin.model.rows import admit_rows
+from rnc_pin.model.kinematics import OWN_AXES, PositionKinematics, VelocityKinematics
+from rnc_pin.model.user_functions import UserFunction
 from rnc_pin.robots.joint_values import NO_LIMIT
 from rnc_pin.robots.robot import Robot
 
@@ -118,7 +118,7 @@ class Actuation:
     def __init__(self, actuators: Actuators, robot: Robot) -> None:
         self.names: tuple[str, ...]
         self.units: tuple[str, ...]
-        self._function: MatrixFunction | None = None
+        self._function: UserFunction | None = None
         self.frames: list[tuple[int, int, int]] = []
         if callable(actuators) or isinstance(actuators, np.ndarray):
             self._read_matrix(actuators, robot)
@@ -136,7 +136,7 @@ class Actuation:
         array = np.array(constant, dtype=float)  # the caller may change the matrix
         if array.ndim != 2 or array.shape[0] != robot.nv:
             raise ConstraintError(f"actuation matrix has shape {array.shape}, expected ({robot.nv}, p)")
-        self._function = matrix if callable(matrix) else None
+        self._function = UserFunction(matrix, array.shape, "actuation matrix B(q)") if callable(matrix) else None
         self._constant = array
         self.names = tuple(f"T[{i}]" for i in range(array.shape[1]))
         self.units = ("",) * array.shape[1]
@@ -218,7 +218,7 @@ class Actuation:
         """
         shape = self._constant.shape
         if self._function is not None:
-            return over_states(self._called, shape, at.q)
+            return self._function.over(at.q)
         if not self.configured:
             return self._constant if at.q.ndim == 1 else np.broadcast_to(self._constant, (*at.q.shape[:-1], *shape))
         batch = at.q.shape[:-1]
@@ -227,10 +227,6 @@ class Actuation:
             # Virtual work: a force along a row of the Jacobian acts on v as the transpose of that row.
             matrix[..., column] = at.jacobian(frame, OWN_AXES, slice(row, row + 1))[..., 0, :]
         return matrix
-
-    def _called(self, q: np.ndarray) -> np.ndarray:
-        assert self._function is not None
-        return admit_rows(self._function(q), self._constant.shape, "actuation matrix B(q)")
 
     def matrix_rate(self, at: VelocityKinematics) -> np.ndarray | None:
         """Rate of B along v, (..., nv, p); None for a user's function, because its rate is unknown.

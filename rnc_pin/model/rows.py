@@ -11,15 +11,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Literal, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 import pinocchio as pin
 
 from rnc_pin._kernel.kernel_rows import Form, KernelRow
-from rnc_pin.errors import DivergenceError, InputError, SingularityError, short_text
-from rnc_pin.math.linear_algebra import Component, smallest
+from rnc_pin.errors import DivergenceError, SingularityError
+from rnc_pin.math.linear_algebra import Component
 from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.robots.robot import Robot
@@ -331,7 +330,7 @@ def check_defined(what: str, q: np.ndarray, sizes: Component, limit: float, name
     Raises:
         SingularityError: rows are undefined; the error has the first such state.
     """
-    if smallest(sizes) >= limit:
+    if (sizes.min(initial=np.inf) if isinstance(sizes, np.ndarray) else sizes) >= limit:
         return
     # Name the first state that fails; ``not >=`` finds NaN as well.
     flat = np.broadcast_to(sizes, q.shape[:-1]).reshape(-1)
@@ -341,40 +340,6 @@ def check_defined(what: str, q: np.ndarray, sizes: Component, limit: float, name
     state = q.reshape(-1, q.shape[-1])[first].copy()
     # The condition grows as one over the length.
     raise SingularityError(what, q=state, condition=1 / max(float(flat[first]), 1e-300), rows=names)
-
-
-def admit_rows(rows: object, expected: tuple[int, ...], what: str) -> np.ndarray:
-    """Convert the result of a user's function to an array; raise ``InputError`` if it is none, or of wrong shape.
-
-    Args:
-        rows: result of the function.
-        expected: its shape.
-        what: the function in messages.
-    """
-    try:
-        array = np.array(rows, dtype=float)  # the function may use its memory again
-    except (TypeError, ValueError):
-        raise InputError(f"{what} returned {short_text(rows)}, expected an array of shape {expected}") from None
-    if array.shape != expected:
-        raise InputError(f"{what} returned shape {array.shape}, expected {expected}")
-    return array
-
-
-def admitting(function: Callable[..., object], expected: tuple[int, ...], what: str) -> Callable[..., np.ndarray]:
-    """Function of a user whose results are admitted by ``admit_rows``.
-
-    Args:
-        function: the function.
-        expected: shape of its result.
-        what: the function in messages.
-    """
-    return partial(_admitted_result, function, expected, what)
-
-
-def _admitted_result(
-    function: Callable[..., object], expected: tuple[int, ...], what: str, *state: object
-) -> np.ndarray:
-    return admit_rows(function(*state), expected, what)
 
 
 # ------------------------------------------------------------------ stacks

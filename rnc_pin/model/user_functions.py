@@ -11,7 +11,8 @@ from functools import partial
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ConstraintError, SingularityError
+from rnc_pin.errors import ConstraintError, InputError, SingularityError, short_text
+from rnc_pin.model.kinematics import over_states
 from rnc_pin.robots.robot import Robot
 
 STEP = 0.01  # [rad or m]
@@ -99,6 +100,42 @@ def _with_error(at_step: Callable[[float], np.ndarray]) -> tuple[np.ndarray, flo
     # The error of order eight falls by 256 with half the step: the difference is that of the coarse one.
     coarse, fine = at_step(0.8 * STEP), at_step(0.4 * STEP)
     return fine, float(np.abs(fine - coarse).max(initial=0.0))
+
+
+class UserFunction:
+    """Function of a user whose results are admitted as arrays of one shape.
+
+    Args:
+        function: the function.
+        shape: shape of its results.
+        what: the function in messages.
+
+    Raises (every call):
+        InputError: the result is no array of numbers, or has another shape.
+    """
+
+    def __init__(self, function: Function, shape: tuple[int, ...], what: str) -> None:
+        self._function, self.shape, self._what = function, shape, what
+
+    def __call__(self, *state: object) -> np.ndarray:
+        found = self._function(*state)
+        try:
+            array = np.array(found, dtype=float)  # the function may use its memory again
+        except (TypeError, ValueError):
+            raise InputError(
+                f"{self._what} returned {short_text(found)}, expected an array of shape {self.shape}"
+            ) from None
+        if array.shape != self.shape:
+            raise InputError(f"{self._what} returned shape {array.shape}, expected {self.shape}")
+        return array
+
+    def over(self, *states: np.ndarray) -> np.ndarray:
+        """Results (..., *shape) over the leading axes of the arguments.
+
+        Args:
+            states: arrays (..., size) of the arguments.
+        """
+        return over_states(self, self.shape, *states)
 
 
 class DerivedRate:
