@@ -23,7 +23,6 @@ from rnc_pin.errors import (
     check_extra,
     place_of,
 )
-from rnc_pin.math.linear_algebra import sorted_eigenvalues
 from rnc_pin.model.independence import ROUNDING
 from rnc_pin.model.input_validation import admit_numbers
 from rnc_pin.model.kinematics import Kinematics
@@ -77,7 +76,11 @@ class Linearization(SummaryMixin):
     @property
     def eigenvalues(self) -> Array:
         """Eigenvalues of A (s,) [1/s], by real and then by imaginary part; real parts of rounding count as zero."""
-        return sorted_eigenvalues(self.A)
+        values = np.linalg.eigvals(self.A)
+        rounding_part = 1e-12  # part of the largest eigenvalue below which a real part is rounding
+        rounding = rounding_part * np.abs(values).max(initial=0.0)
+        order = np.lexsort((values.imag, np.where(np.abs(values.real) > rounding, values.real, 0.0)))
+        return np.asarray(values[order])
 
     def deviation(self, q: Array, v2: Array) -> Array:
         """Return the state x (s,) at q (nq,) and v2 (r,), for a feedback ``T = T_0 - K x``.

@@ -9,10 +9,10 @@ from typing import Literal, NamedTuple, cast
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin._kernel.kernel_rows import Form, KernelRow, wrench_rows
+from rnc_pin._kernel.kernel_rows import Form, KernelRow, component_rows, wrench_rows
 from rnc_pin.errors import ConfigurationError, ConstraintError, check_known
-from rnc_pin.math.linear_algebra import Component, Entry, apply, components, cross, packed, packed_vector
-from rnc_pin.model.frame_rows import DirectionRows, OffsetFrame, PointRows, frame_direction, triple
+from rnc_pin.math.linear_algebra import Component, Entry, apply, components, cross, packed
+from rnc_pin.model.frame_rows import DirectionRows, OffsetFrame, frame_direction, triple
 from rnc_pin.model.input_validation import Axis, Vector, is_number
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics, over_states
 from rnc_pin.model.relative_rows import CouplingRow, RelativeRows
@@ -123,6 +123,27 @@ class LoopClosure:
         if a.joint == b.joint:
             raise ConstraintError(f"frames {between} are on one body: there is no loop")
         return _ClosureRows((self.frame_a, self.frame_b), a, b, self.kind == "point")
+
+
+class PointRows(DirectionRows):
+    """Velocity of a point (3,), in world axes.
+
+    Args:
+        point: frame with its origin there.
+    """
+
+    units = ("m/s",) * 3
+
+    def __init__(self, point: OffsetFrame) -> None:
+        self.names = tuple(f"{point.name}_{axis}" for axis in "xyz")
+        self.point, self.frame = point, point.index
+        self.directions = point.offset.translation[:, None]
+
+    def formula(self, *directions: Sequence[Entry]) -> list[list[Entry]]:
+        return [[*axis, *cross(directions[0], axis)] for axis in np.eye(3).tolist()]
+
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
+        return component_rows(Form.WORLD, self.point.attached(model), range(3))
 
 
 class _TwistRows(DirectionRows):
@@ -295,7 +316,7 @@ class _AckermannRow(Rows):
     def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
         f, _, _, f_lr = self._shape(at)
         left, right = self._rates(at)
-        return packed_vector([2 * f_lr * left * right - f * (left * left + right * right)], f)
+        return np.stack([2 * f_lr * left * right - f * (left * left + right * right)], axis=-1)
 
     def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
         _, f_l, f_r, _ = self._shape(at)
@@ -305,7 +326,7 @@ class _AckermannRow(Rows):
 
     def residual(self, at: PositionKinematics) -> np.ndarray:
         f = self._shape(at)[0]
-        return packed_vector([f], f)
+        return np.stack([f], axis=-1)
 
     def mechanisms(self) -> tuple[JointCoupler]:
         return (JointCoupler(self._steering.left, self._steering.right, function=self._left_angle, period=np.pi),)

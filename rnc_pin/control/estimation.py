@@ -23,9 +23,9 @@ from rnc_pin.errors import ConfigurationError
 from rnc_pin.math.linear_algebra import apply, solve
 from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.evaluator import Evaluator, evaluator_for
+from rnc_pin.model.independence import row_scales
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.reduction_data import row_scales
 from rnc_pin.model.rows import RowStack
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.printing import ReprMixin

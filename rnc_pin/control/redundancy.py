@@ -11,7 +11,7 @@ from rnc_pin.control.feedback import Feedback
 from rnc_pin.control.gain_design import DEFAULT_OUTER_GAINS, OuterGains
 from rnc_pin.control.slithering import DrivenPath, SlitheringReference
 from rnc_pin.errors import ConfigurationError, InputError, SingularityError
-from rnc_pin.math.linear_algebra import apply, apply_transposed, as_slice, clipped, condition_number, solve
+from rnc_pin.math.linear_algebra import apply, apply_transposed, as_slice, clipped, solve, unit_rows
 from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import kinematic_gradient
@@ -162,7 +162,7 @@ class RedundancyController(DescribedMixin):
             "redundant outputs cannot move the vertical ones (A4 is singular)",
             q=np.zeros(0) if measurement.q is None else np.array(measurement.q[run]),
             # A single number has the condition number 1, which says nothing: its inverse does.
-            condition=float(condition_number(A4) if len(A4) > 1 else 1 / max(np.abs(A4).min(), 1e-300)),
+            condition=float(np.linalg.cond(unit_rows(A4)) if len(A4) > 1 else 1 / max(np.abs(A4).min(), 1e-300)),
             rows=(*self.task.vertical_names, *self.task.redundant_names),
         )
 

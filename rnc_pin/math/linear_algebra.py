@@ -88,18 +88,6 @@ def _unit(n: int) -> np.ndarray:
     return np.eye(n)
 
 
-def sorted_eigenvalues(matrix: np.ndarray) -> np.ndarray:
-    """Eigenvalues (n,) by real part and then by imaginary part; real parts of rounding count as zero in this order.
-
-    Args:
-        matrix: one matrix (n, n).
-    """
-    values = np.linalg.eigvals(matrix)
-    rounding_part = 1e-12  # part of the largest eigenvalue below which a real part is rounding
-    rounding = rounding_part * np.abs(values).max(initial=0.0)
-    return np.asarray(values[np.lexsort((values.imag, np.where(np.abs(values.real) > rounding, values.real, 0.0)))])
-
-
 def solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Solve ``matrix @ x = right`` for (..., n, n) and (..., n); infinite for matrices that are exactly singular.
 
@@ -183,16 +171,6 @@ def cross_columns(vector: np.ndarray, columns: np.ndarray) -> np.ndarray:
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ columns
 
 
-def rotated_motions(rotation: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Linear and angular components of columns (..., 6, k), each times a rotation (..., 3, 3).
-
-    Args:
-        rotation: (..., 3, 3).
-        columns: (..., 6, k), linear components before angular ones.
-    """
-    return np.concatenate([rotation @ columns[..., :3, :], rotation @ columns[..., 3:, :]], axis=-2)
-
-
 def vector_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Vector product (..., 3); of two vectors without the overhead of NumPy's.
 
@@ -256,17 +234,6 @@ def unit_diagonal(matrix: np.ndarray) -> np.ndarray:
     """
     sizes = np.sqrt(np.diagonal(matrix, axis1=-2, axis2=-1))
     return matrix / (sizes[..., :, None] * sizes[..., None, :])
-
-
-def condition_number(matrix: np.ndarray) -> np.ndarray | float:
-    """2-norm condition number (...) of (..., n, n) after scaling rows to unit length.
-
-    Args:
-        matrix: (..., n, n).
-    """
-    values = np.linalg.svd(unit_rows(matrix), compute_uv=False)
-    with np.errstate(divide="ignore"):
-        return values[..., 0] / values[..., -1]
 
 
 def complex_step(function: Callable[..., np.ndarray], *parts: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
@@ -404,16 +371,6 @@ def packed(rows: Sequence[Sequence[Component]], like: Component) -> np.ndarray:
     return out
 
 
-def packed_vector(entries: Sequence[Component], like: Component) -> np.ndarray:
-    """Vector (..., k) of components.
-
-    Args:
-        entries: k components.
-        like: one of the components; it is an array if there are many states.
-    """
-    return np.array(entries) if not isinstance(like, np.ndarray) else np.stack(entries, axis=-1)
-
-
 def cross(a: Sequence[_E], b: Sequence[_E]) -> tuple[_E, _E, _E]:
     """Vector product of two triples of components.
 
@@ -432,12 +389,3 @@ def dot(a: Sequence[_E], b: Sequence[_E]) -> _E:
         b: three components.
     """
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def smallest(value: Component) -> float:
-    """Smallest entry of a component over all states; infinite if there are no states.
-
-    Args:
-        value: a number, or an array (...) over states.
-    """
-    return float(value.min(initial=np.inf)) if isinstance(value, np.ndarray) else value

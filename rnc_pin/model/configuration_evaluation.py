@@ -269,7 +269,11 @@ class ConfigurationEvaluation(SummaryMixin):
     @cached_property
     def scaled_stack(self) -> Float[Array, "*batch nv nv"]:
         """E with rows divided by the larger of their length and their typical length at other configurations."""
-        return scaled_rows(self.E, row_lengths(self._data, self.factorization.kept, self.batch))
+        # A row that vanishes here is short beside its typical length: divided by its own it would look regular. NaN is
+        # left out.
+        typical = row_lengths(self._data, self.factorization.kept, self.batch)
+        lengths = np.fmax(np.linalg.norm(self.E, axis=-1), typical)
+        return self.E / np.where(lengths > 0, lengths, 1.0)[..., None]
 
     @cached_property
     def _singular_values(self) -> Array:
@@ -406,16 +410,3 @@ def no_time(data: ReductionData) -> InputError:
         f"{', '.join(rheonomic_names(data.rows))}: the constraints depend on time; give it, as in "
         "reduced.at(q, v2, t=0.0), or use the model at one time, reduced.frozen(t=0.0)"
     )
-
-
-def scaled_rows(E: Array, typical: Array) -> Float[Array, "*batch nv nv"]:
-    """Rows of E (..., nv, nv) divided by the larger of their length and their typical length (nv,) or (..., nv).
-
-    Args:
-        E: rows of constraints and outputs.
-        typical: typical lengths of the rows at other configurations.
-    """
-    # A row that vanishes here is short beside its typical length: divided by its own it would look regular. NaN is left
-    # out.
-    lengths = np.fmax(np.linalg.norm(E, axis=-1), typical)
-    return E / np.where(lengths > 0, lengths, 1.0)[..., None]

@@ -364,27 +364,6 @@ class DirectionRows(WrenchRows):
         return rate_of(self.formula, directions, [cross(turning, each) for each in directions])
 
 
-class PointRows(DirectionRows):
-    """Velocity of a point (3,), in world axes.
-
-    Args:
-        point: frame with its origin there.
-    """
-
-    units = ("m/s",) * 3
-
-    def __init__(self, point: OffsetFrame) -> None:
-        self.names = tuple(f"{point.name}_{axis}" for axis in "xyz")
-        self.point, self.frame = point, point.index
-        self.directions = point.offset.translation[:, None]
-
-    def formula(self, *directions: Sequence[Entry]) -> list[list[Entry]]:
-        return [[*axis, *cross(directions[0], axis)] for axis in np.eye(3).tolist()]
-
-    def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
-        return component_rows(Form.WORLD, self.point.attached(model), range(3))
-
-
 Formula: TypeAlias = "Callable[..., Sequence[Sequence[Entry]]]"
 
 

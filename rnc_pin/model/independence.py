@@ -6,16 +6,18 @@ No actuator, no passive force and no constraint reaction may act on a joint whos
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from rnc_pin.errors import ConstraintError, few
-from rnc_pin.math.linear_algebra import pivot_columns, unit_rows
+from rnc_pin.errors import ConstraintError, SingularityError, few
+from rnc_pin.math.linear_algebra import pivot_columns, unit_rows, weakest_rows
 from rnc_pin.model.generalized_forces import Actuation, PassiveForces
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.rows import Rows, RowStack
+from rnc_pin.model.rows import OutputStack, Rows, RowStack
+from rnc_pin.robots.robot import Robot
 
 TOLERANCE = 1e-8  # on unit rows: sine of the angle below which a row counts as dependent
 ROUNDING = 1e-5  # the same limit for rows that are dependent except for the rounding of a file's numbers
@@ -125,6 +127,31 @@ def block_row_scales(block: Rows, samples: np.ndarray) -> np.ndarray:
     return np.array([max(lengths[k] for k, other in enumerate(block.units) if other == unit) for unit in block.units])
 
 
+def row_scales(robot: Robot, rows: RowStack, reducing: OutputStack, configurations: np.ndarray) -> np.ndarray:
+    """Typical length of each row: the median over configurations (count, nq), or the largest if the median is zero.
+
+    It is zero for a row that is zero to rounding, e.g. the out-of-plane row of a planar loop.
+
+    Args:
+        robot: the robot.
+        rows: all constraint rows.
+        reducing: reducing outputs.
+        configurations: configurations (count, nq).
+    """
+    stack = RowStack.joined(rows, reducing)
+    kinematics = Kinematics(robot)
+    found = []
+    for q in configurations:
+        with suppress(SingularityError):  # some row is undefined at q
+            found.append(np.linalg.norm(stack.jacobian(kinematics.position(q)), axis=-1))
+    lengths = np.array(found) if found else np.zeros((1, stack.size))
+    # A row of rounding, e.g. out of the plane of a planar loop, must not count as a short one.
+    lengths = np.where(lengths > 1e-12 * lengths.max(initial=0.0), lengths, 0.0)
+    ordered, count = np.sort(lengths, axis=0), len(lengths)
+    typical = (ordered[(count - 1) // 2] + ordered[count // 2]) / 2.0  # ``np.median`` would import ``numpy.ma``
+    return np.where(typical > 0, typical, lengths.max(axis=0))
+
+
 def _column_sizes(samples: np.ndarray, angular: np.ndarray | None) -> np.ndarray:
     """Length of each column that counts as one, (nv,): the longest lever arm for angular columns, 1 for others."""
     size = np.ones(samples.shape[-1])
@@ -141,10 +168,7 @@ def _margin(matrices: np.ndarray, kept: Sequence[int], names: Sequence[str]) -> 
     if not kept:
         return 1.0, []
     best = max((matrix[kept] for matrix in matrices), key=_smallest)
-    left, values, _ = np.linalg.svd(best)
-    # The combination of rows that is nearest to zero names those to blame.
-    weights = np.abs(left[:, -1])
-    return float(values[-1]), [names[row] for row, w in zip(kept, weights, strict=True) if w > 0.1 * weights.max()]
+    return _smallest(best), list(weakest_rows(best, [names[row] for row in kept]))
 
 
 def _choose(matrices: np.ndarray, rank: int, tolerance: float) -> list[int]:

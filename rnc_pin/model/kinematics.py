@@ -59,6 +59,7 @@ class Kinematics:
         time: time of all configurations [s], for a frozen model; None for time zero where none is given.
 
     Attributes:
+        time: time of a frozen model [s]; None for others.
         current: quantities for whose state the data are current; None if there is no such state.
         frozen: True if the time is given.
         requested: for each update, quantities that the last states were asked for, with their shapes.
@@ -69,7 +70,7 @@ class Kinematics:
     kernel_workspace: object = None
 
     def __init__(self, robot: Robot, time: float | None = None) -> None:
-        self._robot, self._time, self.frozen = robot, time, time is not None
+        self._robot, self.time, self.frozen = robot, time, time is not None
         self.model = robot.model
         self.nv, self.zero = robot.nv, np.zeros(robot.nv)
         self.current: _Quantities | None = None
@@ -79,7 +80,7 @@ class Kinematics:
 
     def __reduce__(self) -> tuple[type[Kinematics], tuple[Robot, float | None]]:
         """Create new Pinocchio data for a copy or a pickle."""
-        return type(self), (self._robot, self._time)
+        return type(self), (self._robot, self.time)
 
     @cached_property
     def data(self) -> pin.Data:
@@ -109,11 +110,6 @@ class Kinematics:
                     f"rates of Jacobians and the Coriolis matrix are unknown: axes of '{name}' depend on its own "
                     "position; accelerations are known. Use joints of one degree of freedom instead"
                 )
-
-    @property
-    def time(self) -> float | None:
-        """Time of a frozen model [s]; None for others."""
-        return self._time
 
     def frame_constants(self, frame: int) -> tuple[int, np.ndarray, np.ndarray]:
         """Joint that carries a frame; its placement there (12,), by columns; mask (nv,) of the joints that move it.
@@ -146,7 +142,7 @@ class Kinematics:
         Args:
             t: times (...) of configurations [s]; None if none is given.
         """
-        t = t if self._time is None else self._time
+        t = t if self.time is None else self.time
         return 0.0 if t is None else t
 
     def potential_energy(self, q: np.ndarray) -> np.ndarray | float:

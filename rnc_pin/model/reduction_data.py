@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import EllipsisType
 
 import numpy as np
 
-from rnc_pin.errors import SingularityError
 from rnc_pin.math.linear_algebra import null_space, pivot_columns
 from rnc_pin.model.generalized_forces import Actuation, PassiveForces
 from rnc_pin.model.kinematics import Kinematics
@@ -239,28 +237,3 @@ def best_entries(rows: np.ndarray, r: int) -> list[int]:
     tie = 1e-6  # relative preference over the next entry: otherwise rounding decides ties, differently at each state
     preference = 1.0 - tie * np.arange(len(basis))
     return sorted(pivot_columns(preference * basis.T, r)[0])
-
-
-def row_scales(robot: Robot, rows: RowStack, reducing: OutputStack, configurations: np.ndarray) -> np.ndarray:
-    """Typical length of each row: the median over configurations (count, nq), or the largest if the median is zero.
-
-    It is zero for a row that is zero to rounding, e.g. the out-of-plane row of a planar loop.
-
-    Args:
-        robot: the robot.
-        rows: all constraint rows.
-        reducing: reducing outputs.
-        configurations: configurations (count, nq).
-    """
-    stack = RowStack.joined(rows, reducing)
-    kinematics = Kinematics(robot)
-    found = []
-    for q in configurations:
-        with suppress(SingularityError):  # some row is undefined at q
-            found.append(np.linalg.norm(stack.jacobian(kinematics.position(q)), axis=-1))
-    lengths = np.array(found) if found else np.zeros((1, stack.size))
-    # A row of rounding, e.g. out of the plane of a planar loop, must not count as a short one.
-    lengths = np.where(lengths > 1e-12 * lengths.max(initial=0.0), lengths, 0.0)
-    ordered, count = np.sort(lengths, axis=0), len(lengths)
-    typical = (ordered[(count - 1) // 2] + ordered[count // 2]) / 2.0  # ``np.median`` would import ``numpy.ma``
-    return np.where(typical > 0, typical, lengths.max(axis=0))

@@ -10,14 +10,7 @@ import pinocchio as pin
 from numpy import ndarray as Array
 
 from rnc_pin._kernel.kernel_rows import Form, KernelRow, Value, attached
-from rnc_pin.math.linear_algebra import (
-    apply,
-    apply_transposed,
-    complex_step,
-    cross_columns,
-    rotated_motions,
-    vector_product,
-)
+from rnc_pin.math.linear_algebra import apply, apply_transposed, complex_step, cross_columns, vector_product
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.kinematics import (
     ALL,
@@ -90,7 +83,8 @@ class RelativeKinematics(VelocityKinematics):
 
     def _along(self, columns: Array) -> Array:
         """Columns (..., 6, k) of linear and angular components, along the axes of the carrier."""
-        return rotated_motions(self._place.rotation.mT, columns)
+        back = self._place.rotation.mT
+        return np.concatenate([back @ columns[..., :3, :], back @ columns[..., 3:, :]], axis=-2)
 
     def velocity(self, frame: int) -> Array:
         at = self._in_motion

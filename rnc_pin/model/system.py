@@ -22,7 +22,7 @@ from rnc_pin.model.generalized_forces import Actuation, Actuators, ForceKind, Pa
 from rnc_pin.model.input_validation import numbers_of
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel, system_headline, system_lines
-from rnc_pin.model.reduction_data import ReductionData, VelocityRows, best_entries, row_scales
+from rnc_pin.model.reduction_data import ReductionData, VelocityRows, best_entries
 from rnc_pin.model.relative_rows import CouplingRow, is_loose, loose_mimics, mimic_rows
 from rnc_pin.model.rows import ConstraintKind, FrameAnchor, OutputKind, OutputStack, Rows, RowStack
 from rnc_pin.printing import ObjectSummary, SummaryMixin
@@ -238,7 +238,7 @@ class NonholonomicSystem(SummaryMixin):
 
     def _reduced(self, x2: OutputStack, x1: OutputStack, limit: float, free: bool) -> ReducedModel:
         _check_unique((*self.constraints.names, *x2.names, *x1.names), "output")
-        lengths = row_scales(self.robot, self.rows, x2, self._samples)
+        lengths = independence.row_scales(self.robot, self.rows, x2, self._samples)
         workspace, kept = Kinematics(self.robot), tuple(self.kept)
         parts = ReductionData(
             self.robot, self.rows, kept, self.actuation, x2, x1, limit, lengths, workspace, self.forces, free

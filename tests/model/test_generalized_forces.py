@@ -7,7 +7,8 @@ import pytest
 import rnc_pin as rnc
 from bodies import add_body, add_frame
 from plain_kinematics import ROBOTS, Plain, near, states
-from rnc_pin.model.frame_rows import OffsetFrame, PointRows
+from rnc_pin.constraints.couplings import PointRows
+from rnc_pin.model.frame_rows import OffsetFrame
 from rnc_pin.model.generalized_forces import Actuation
 from rnc_pin.model.kinematics import OWN_AXES, Kinematics
 

@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.model.independence import _candidates, _choose, block_row_scales, select_independent
+from rnc_pin.model.independence import _candidates, _choose, block_row_scales, row_scales, select_independent
+from rnc_pin.model.reduction_data import VelocityRows
+from rnc_pin.model.rows import OutputStack, RowStack
+from textbook_systems import Turning, sliders
 
 TOLERANCE, ROUNDING = 1e-8, 1e-5  # sines of angles below which rows are dependent, and dependent but for rounding
 
@@ -91,3 +94,27 @@ def test_of_rows_that_are_never_well_independent_the_best_at_its_worst_are_kept(
         assert len(set(tried)) > 1
         assert max(tried) < 1e-3
         np.testing.assert_allclose(worst(_choose(matrices, 3, 1e-9)), max(tried))
+
+
+def test_a_row_is_naturally_as_long_as_in_the_median_or_where_most_are_zero_at_its_longest():
+    robot = sliders()
+    sizes = np.array([[3.0, 0.0, 0.0, 6e-12], [1.0, 0.0, 5.0, 0.0], [2.0, 0.0, 0.0, 8e-12], [7.0, 4.0, 6.0, 0.0]])
+
+    def rows(q):
+        return np.outer(sizes[int(q[0])], [0.6, 0.0, -0.8])
+
+    outputs = OutputStack([VelocityRows(np.array([[0.0, 3.0, 4.0]]), ["v"], [""])])
+    q = np.zeros((4, 3))
+    q[:, 0] = range(4)
+    found = row_scales(robot, RowStack([Turning("abcd", rows)]), outputs, q)
+    # The longest of all is 7, so that what is below 7e-12 is zero: of row d one is left, so that it is its longest.
+    np.testing.assert_allclose(found, [2.5, 4.0, 2.5, 8e-12, 5.0])
+
+    def seldom(q):
+        if q[0] != 2:
+            raise rnc.SingularityError("undefined", q=q, condition=np.inf, rows=("a",))
+        return np.eye(3)[:1] * 3
+
+    found = row_scales(robot, RowStack([Turning("a", seldom)]), outputs, q)
+    np.testing.assert_allclose(found, [3.0, 5.0])
+    np.testing.assert_array_equal(row_scales(robot, RowStack([Turning("a", seldom)]), outputs, q[:2]), [0.0, 0.0])
