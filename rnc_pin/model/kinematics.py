@@ -145,15 +145,6 @@ class Kinematics:
         t = t if self.time is None else self.time
         return 0.0 if t is None else t
 
-    def potential_energy(self, q: np.ndarray) -> np.ndarray | float:
-        """Potential energy (...) at configurations (..., nq) [J].
-
-        Args:
-            q: configurations (..., nq).
-        """
-        energy = self.over_states(pin.computePotentialEnergy, (), q)
-        return energy if q.ndim > 1 else float(energy)
-
     def over_states(self, function: Callable[..., object], shape: tuple[int, ...], *states: np.ndarray) -> np.ndarray:
         """Results (..., *shape) of a function of Pinocchio's model and data and of single states.
 

@@ -548,7 +548,7 @@ class StateEvaluation(ConfigurationEvaluation):
     @property
     def energy(self) -> Array | float:
         """Kinetic plus potential energy (...,) [J]."""
-        energy = self.kinetic_energy + self._data.kinematics.potential_energy(self.q)
+        energy = self.kinetic_energy + self._data.kinematics.over_states(pin.computePotentialEnergy, (), self.q)
         return energy + self._data.forces.potential(self.position) if self._data.forces else energy
 
     def terms(self) -> ReducedTerms:

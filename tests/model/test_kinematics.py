@@ -89,7 +89,7 @@ def test_a_question_is_answered_as_before_whatever_was_asked_of_other_states_bet
         lambda: kinematics.position(q).joint_placement(3),
         lambda: kinematics.position(q).with_velocity(v).velocity(3),
         lambda: kinematics.position(q).with_velocity(v).C,
-        lambda: kinematics.potential_energy(q),
+        lambda: kinematics.over_states(pin.computePotentialEnergy, (), q),
         lambda: kinematics.position(q[1, 0]),
         lambda: kinematics.position(place).with_velocity(v[1, 0]),
     ):
@@ -142,18 +142,6 @@ def test_gradients_are_differences_along_the_tangent_space(robot):
             near(found.angular_velocity, velocity[3:])
             near(found.acceleration, acceleration[:3])
             near(found.angular_acceleration, acceleration[3:])
-
-
-def test_energy_in_gravity_is_that_of_the_centre_of_mass():
-    for robot in ROBOTS.values():
-        q, _ = states(robot)
-        kinematics, data = Kinematics(robot), robot.model.createData()
-        heights = np.array([pin.centerOfMass(robot.model, data, each)[2] for each in q.reshape(-1, robot.nq)])
-        expected = 9.81 * pin.computeTotalMass(robot.model) * heights.reshape(2, 3)
-        np.testing.assert_allclose(kinematics.potential_energy(q), expected)
-        one = kinematics.potential_energy(q[1, 0])
-        assert isinstance(one, float)
-        assert (one, kinematics.potential_energy(q[:0]).shape) == (pytest.approx(expected[1, 0]), (0, 3))
 
 
 def test_a_function_of_single_states_is_asked_of_each():
