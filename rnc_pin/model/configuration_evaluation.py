@@ -43,17 +43,25 @@ class ConfigurationEvaluation(SummaryMixin):
 
     Args:
         evaluator: evaluator of the model.
-        q: admitted configurations (..., nq), contiguous and read-only.
+        q: admitted configurations (..., nq), which become read-only.
         same: evaluation of the same configurations, perhaps in another reduction, whose results are used.
         t: times (...) for rheonomic constraints [s]; None for other constraints.
 
-    Raises (every quantity that needs R):
-        SingularityError: the outputs do not parametrise the motion at q.
+    Raises:
+        InputError: the rows of the constraints depend on time, and t is missing.
+        SingularityError: of every quantity that needs R: the outputs do not parametrise the motion at q.
     """
 
     def __init__(
         self, evaluator: ArraySource, q: Array, same: ConfigurationEvaluation | None = None, t: Component | None = None
     ) -> None:
+        if same is None:
+            # Without a time, rows that turn over time would silently be those of time zero.
+            if t is None and evaluator.data.turning:
+                raise no_time(evaluator.data)
+            if q.ndim > 1:
+                q = np.ascontiguousarray(q)  # the kernel walks through states in memory
+            q.setflags(write=False)
         self._evaluator, self._data, self.q, self._same_q, self.t = evaluator, evaluator.data, q, same, t
         # Of the same reduction, arrays and factors are equal; of another one, only the kinematics are.
         self._same_reduction = same if same is not None and same._evaluator is evaluator else None
@@ -70,27 +78,6 @@ class ConfigurationEvaluation(SummaryMixin):
         states = counted(prod(self.q.shape[:-1]), "state")
         title = f"{type(self).__name__} of '{self._data.robot.name}' at {states}"
         return ObjectSummary(title, [("q [rad or m]", described(self.q))])
-
-    @classmethod
-    def at(cls, evaluator: ArraySource, q: Array, *, t: Component | None = None) -> ConfigurationEvaluation:
-        """Evaluation at admitted configurations (..., nq), which become read-only, and times t (...).
-
-        Args:
-            evaluator: evaluator of the reduction.
-            q: configurations (..., nq).
-            t: times (...) [s]; None for constraints that do not depend on time.
-
-        Raises:
-            InputError: the rows of the constraints depend on time, and t is missing.
-        """
-        # Without a time, rows that turn over time would silently be those of time zero.
-        if t is None and evaluator.data.turning:
-            raise no_time(evaluator.data)
-        if q.ndim > 1:
-            # The kernel walks through states in memory.
-            q = np.ascontiguousarray(q)
-        q.setflags(write=False)
-        return cls(evaluator, q, None, t)
 
     def in_reduction(self, evaluator: ArraySource) -> ConfigurationEvaluation:
         """The same configurations in another reduction of the same system.
@@ -189,7 +176,7 @@ class ConfigurationEvaluation(SummaryMixin):
     def E_inverse(self) -> Float[Array, "*batch nv nv"]:
         """Inverse ``E^-1``: the columns of the multipliers, then R."""
         found = self.factorization
-        if not found.everywhere_regular:
+        if found.regular is not True and not np.all(found.regular):
             raise self._singularity(np.asarray(found.regular))
         return found.E_inverse
 

@@ -29,11 +29,6 @@ class Factorization(NamedTuple):
     kept: Int[Array, "*batch m"] | None = None
     """Indices of the constraint rows in A; None if all states have the default rows."""
 
-    @property
-    def everywhere_regular(self) -> bool:
-        """True if E is regular at every state."""
-        return self.regular is True or bool(np.all(self.regular))
-
 
 def factorize(data: ReductionData, position: PositionKinematics) -> Factorization:
     """Evaluate E at configurations (..., nq) and invert it.

@@ -132,7 +132,7 @@ class ReducedModel(SummaryMixin):
         if v is not None:
             q, v = broadcast_states(q, vector(v, data.n, "v"), "v")
             return StateEvaluation.at(self.evaluator, q, v=v.copy(), t=t)
-        return ConfigurationEvaluation.at(self.evaluator, q, t=t)
+        return ConfigurationEvaluation(self.evaluator, q, t=t)
 
     def frozen(self, t: float) -> ReducedModel:
         """The same model at one time t [s]: its constraints have the rows, rates and positions of this time.

@@ -101,7 +101,7 @@ class StateEvaluation(ConfigurationEvaluation):
             v: measured full velocities (..., nv), instead of v2.
             t: times (...) [s]; None for constraints that do not depend on time.
         """
-        return cls(ConfigurationEvaluation.at(evaluator, q, t=t), v2, v)
+        return cls(ConfigurationEvaluation(evaluator, q, t=t), v2, v)
 
     def in_reduction(self, evaluator: ArraySource) -> StateEvaluation:
         """The same states in another reduction of the same system.

@@ -192,7 +192,7 @@ def test_whole_calls_of_a_compiled_evaluator_are_those_of_numpy_where_it_decline
     data = reduced.reduction_data.in_velocities(W, free=True)
     compiled, plain = evaluator_for(data, reduced.evaluator), Evaluator(data)
     assert compiled.kernel
-    assert ConfigurationEvaluation.at(compiled, q).compiled_kinematics is None
+    assert ConfigurationEvaluation(compiled, q).compiled_kinematics is None
     T, external, y = np.ones(data.p), np.full(data.n, 0.1), np.concatenate([v2, np.zeros(data.vertical.size + 1)])
     motion = ReducedMotion(data.robot, np.full(data.n, 0.2))
     for call in (

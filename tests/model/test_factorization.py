@@ -40,7 +40,7 @@ def on_rails(rows, kept, reducing, limit, lengths, free=False, masses=None, actu
 
 
 def resting(parts, count=None):
-    return ConfigurationEvaluation.at(evaluator_for(parts), np.zeros(parts.n if count is None else (count, parts.n)))
+    return ConfigurationEvaluation(evaluator_for(parts), np.zeros(parts.n if count is None else (count, parts.n)))
 
 
 @pytest.mark.parametrize("count", [None, 3])
@@ -125,7 +125,7 @@ def test_the_first_state_that_is_singular_is_told_with_the_rows_that_matter():
     values = np.linalg.svd(E / 2.0, compute_uv=False)
     for at, first in ((q, q[0, 0]), (q[1], q[1, 0]), (q[1, 2], q[1, 2])):
         with pytest.raises(rnc.SingularityError, match="singular configuration") as told:
-            _ = ConfigurationEvaluation.at(evaluator_for(singular), at).R
+            _ = ConfigurationEvaluation(evaluator_for(singular), at).R
         np.testing.assert_array_equal(told.value.q, first)
         assert not np.shares_memory(told.value.q, at)
         assert tuple(told.value.rows) == ("a", "b", "c", "y")
