@@ -328,6 +328,18 @@ class _QuadricGround(ABC):
         """
         return np.broadcast_to(self._form(), (*point.shape[:-1], 3, 3))
 
+    def below(self, place: np.ndarray) -> np.ndarray:
+        """Nearest points (..., 3) to each place (..., 3); for the center, or a place on the axis, a low one.
+
+        Args:
+            place: centres of bodies, in world axes [m].
+        """
+        point, across = self._place()
+        away = (place - point) @ across
+        # For an upright cylinder no side is low: x is as good as any.
+        low = -_EYE[2] if across[2, 2] > 0.2 else _EYE[0]
+        return place - away + self.radius * _unit_vectors(away, low @ across)
+
 
 @dataclass(frozen=True)
 class SphericalGround(_QuadricGround):
@@ -375,14 +387,6 @@ class SphericalGround(_QuadricGround):
 
     def _place(self) -> tuple[np.ndarray, np.ndarray]:
         return np.asarray(self.center), _EYE
-
-    def below(self, place: np.ndarray) -> np.ndarray:
-        """Nearest points (..., 3) to each place (..., 3); the lowest for the centre.
-
-        Args:
-            place: centres of bodies, in world axes [m].
-        """
-        return np.asarray(self.center) + self.radius * _unit_vectors(place - np.asarray(self.center), -_EYE[2])
 
     def material_velocity(self, place: np.ndarray) -> np.ndarray:
         """Velocity of the material (..., 3) at each place (..., 3) [m/s], in world axes.
@@ -462,18 +466,6 @@ class CylindricalGround(_QuadricGround):
 
     def _place(self) -> tuple[np.ndarray, np.ndarray]:
         return np.asarray(self.point), _EYE - np.outer(self.along, self.along)
-
-    def below(self, place: np.ndarray) -> np.ndarray:
-        """Nearest points (..., 3) to each place (..., 3); for a place on the axis a low one.
-
-        Args:
-            place: centres of bodies, in world axes [m].
-        """
-        away, along = place - np.asarray(self.point), self.along
-        height = (away @ along)[..., None] * along
-        # For an upright cylinder no side is low: x is as good as any.
-        low = -_EYE[2] if abs(along[2]) < 0.9 else _EYE[0]
-        return np.asarray(self.point) + height + self.radius * _unit_vectors(away - height, low - along * (along @ low))
 
     def material_velocity(self, place: np.ndarray) -> np.ndarray:
         """Velocity of the material (..., 3) at each place (..., 3) [m/s], in world axes.
