@@ -6,7 +6,7 @@ array below of the same name takes its place, unless it is None.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TypeVar
 
 import numpy as np
@@ -27,7 +27,6 @@ from rnc_pin.model.kinematics import (
     VelocityKinematics,
 )
 from rnc_pin.model.reduction_kernel import ReductionKernel
-from rnc_pin.model.rows import Place, Rows
 
 _Kinematics = TypeVar("_Kinematics", bound=PositionKinematics)
 
@@ -214,9 +213,8 @@ class CompiledArraysAtQ:
     @cached_property
     def vertical(self) -> Array | None:
         """Record of J1 and A_star; None if a row is undefined."""
-        external = _concatenated(
-            self.kernel.external_vertical, self._position, lambda block, now: block.jacobian(now), -2
-        )
+        position = self._position
+        external = None if position is None else self.kernel.external_vertical.jacobian(position)
         rows = _empty_records(self.batch, self.kernel.rows)
         return rows if self._calls.vertical(self.q, self.kinematics, self.inverse, external, rows) else None
 
@@ -254,7 +252,7 @@ class CompiledArraysAtV:
     def biases(self) -> Array:
         """Record of bias, gamma, its product with E^-1, forces without actuators, and H."""
         at, kernel = self.at_q, self._kernel
-        external = _concatenated(kernel.external, self._motion, lambda block, now: block.bias_acceleration(now), -1)
+        external = None if self._motion is None else kernel.external.bias_acceleration(self._motion)
         biases = _empty_records(at.batch, kernel.biases)
         rates = kernel.rates_at(self._t, at.batch)
         self._calls.biases(at.q, at.kinematics, at.inverse, self._v, external, rates, biases)
@@ -319,13 +317,14 @@ class CompiledArraysAtV:
         """Record of J1, A_star, the rates of E, R, J1 and A_star, E v and J1 v; None if a row of J1 is undefined."""
         at, kernel = self.at_q, self._kernel
         # Python's rows of J1, and the rates of Python's rows of E and of J1.
-        rows = _concatenated(kernel.external_vertical, at._position, lambda block, now: block.jacobian(now), -2)
-        external = [
-            _concatenated(places, self._motion, lambda block, now: block.jacobian_dot(now), -2)
-            for places in (kernel.external, kernel.external_vertical)
-        ]
+        rows = external = vertical = None
+        if self._motion is not None:
+            rows = kernel.external_vertical.jacobian(self._motion)
+            external, vertical = (
+                stack.jacobian_dot(self._motion) for stack in (kernel.external, kernel.external_vertical)
+            )
         rates = _empty_records(at.batch, kernel.rates)
-        arguments = at.q, at.kinematics, at.inverse, self._v, rows, *external, rates
+        arguments = at.q, at.kinematics, at.inverse, self._v, rows, external, vertical, rates
         return rates if self._calls.rates(*arguments) else None
 
 
@@ -343,7 +342,7 @@ def arrays_at_q(
     # Another reduction with the same E, e.g. with other vertical outputs: nothing is left to fill.
     if known is not None and known.kernel.data.has_rows_of(kernel.data):
         return CompiledArraysAtQ(kernel, q, position, known.kinematics, known.inverse)
-    external = _concatenated(kernel.external, position, lambda block, now: block.jacobian(now), -2)
+    external = None if position is None else kernel.external.jacobian(position)
     batch = q.shape[:-1]
     kinematics = _empty_records(batch, kernel.kinematics) if known is None else known.kinematics
     inverse = _empty_records(batch, kernel.inverse)
@@ -351,26 +350,6 @@ def arrays_at_q(
     if not kernel.calls.configure(q, kinematics, inverse, external, known is not None):
         return None
     return CompiledArraysAtQ(kernel, q, position, kinematics, inverse)
-
-
-def _concatenated(
-    places: Sequence[Place], at: _Kinematics | None, of: Callable[[Rows, _Kinematics], Array], axis: int
-) -> Array | None:
-    """Concatenate a quantity of blocks that Python evaluates, along the axis of the rows; None without blocks.
-
-    Args:
-        places: the blocks.
-        at: their kinematics.
-        of: quantity of a block.
-        axis: axis of the rows.
-    """
-    if not places:
-        return None
-    assert at is not None  # blocks of Python come with their kinematics
-    # A block may have rows that are not in the stack.
-    selected = (place.of if axis == -1 else place.of_matrix for place in places)
-    values = [select(of(place.block, at)) for select, place in zip(selected, places, strict=True)]
-    return np.ascontiguousarray(np.concatenate(values, axis=axis), dtype=float)
 
 
 def _empty_records(shape: tuple[int, ...], record: np.dtype[np.void]) -> Array:

@@ -32,78 +32,6 @@ _FRAME = np.dtype([("joint", np.int64), ("placement", float, 12)])
 _CURVED = {"JointModelPlanar": 0, "JointModelSpherical": 1, "JointModelFreeFlyer": 2}
 
 
-class RowTable:
-    """Rows of E, of J1, of inputs on frames and of forces, as arrays.
-
-    Attributes:
-        external, external_vertical: blocks of E and of J1 that Python evaluates.
-        rates: constant right-hand sides mu of the constraint rows (m,).
-        driven: blocks whose right-hand sides depend on time only.
-        fused: True if the kernel knows all rows of E, all inputs and all forces.
-        laws: numbers of the forces that follow from the state, whose rows come last (forces, 7).
-        constant: constant rows (rows, nv); zero for the others.
-        integers, numbers: (rows, 8) and (rows, 18); ``frames``: the frames of all rows.
-    """
-
-    def __init__(self, data: ReductionData) -> None:
-        self._model = data.robot.model
-        self.external, stacked = self._of(data.stack)
-        self.external_vertical, vertical = self._of(data.vertical)
-        parts = data.actuation.parts
-        inputs = [] if parts is None else parts[1]
-        self.columns = np.array([column for column, _, _ in inputs], dtype=np.int64)
-        # A force along an own axis of a frame is a wrench on it, as that of a constraint row.
-        forces = [KernelRow(Form.OWN, (attached(self._model, frame),), (), np.eye(6)[row]) for _, frame, row in inputs]
-        passive = data.forces.kernel_forces()
-        self.fused = parts is not None and not self.external and passive is not None
-        laws = passive if self.fused and passive is not None else []
-        rows = [*stacked, *vertical, *forces, *(row for row, _ in laws)]
-        self.laws = np.array([law for _, law in laws], dtype=float).reshape(-1, len(KernelForce._fields))
-        zero = np.zeros(data.n)
-        self.constant = np.array([zero if row.constant is None else row.constant for row in rows])
-        self.rates = [row.rate for row in stacked[: data.m]]
-        kernel = [place for place in data.constraints.places if place.block.rheonomic]
-        self.driven = [place for place in kernel if place.block.kernel_rows(self._model) is not None]
-        self._constraints = data.constraints
-        self.frames: list[AttachedFrame] = []
-        known: dict[tuple[int, bytes], int] = {}
-        self.integers, self.numbers = np.zeros((len(rows), 3 + INTEGERS), np.int64), np.zeros((len(rows), NUMBERS))
-        self.integers[:, 2] = -1  # no second frame
-        for row, integers, numbers in zip(rows, self.integers, self.numbers, strict=True):
-            integers[0], integers[1] = row.form, row.joint
-            integers[7], integers[6] = row.value
-            integers[3 : 3 + len(row.integers)], numbers[: len(row.numbers)] = row.integers, row.numbers
-            for place, frame in enumerate(row.frames):
-                # Rows of one wheel share its frame: the kernel computes its Jacobian once.
-                key = frame.joint, np.array(frame.placement.homogeneous).tobytes()
-                if key not in known:
-                    known[key] = len(self.frames)
-                    self.frames.append(frame)
-                integers[1 + place] = known[key]
-
-    def read_constraints(self) -> None:
-        """Read the numbers of the constraint rows again."""
-        _, rows = self._of(self._constraints)
-        for row, numbers in zip(rows, self.numbers, strict=False):  # they come first
-            numbers[: len(row.numbers)] = row.numbers
-
-    def _of(self, stack: RowStack) -> tuple[list[Place], list[KernelRow]]:
-        external: list[Place] = []
-        rows: list[KernelRow] = []
-        count = 0
-        for place in stack.places:
-            found = place.block.kernel_rows(self._model)
-            chosen = place.of(np.arange(len(place.block.names)))
-            if found is None:
-                # Python writes these rows one after the other into the array that the call gets.
-                external.append(place)
-                rows += [KernelRow(Form.EXTERNAL, (), (count + k,)) for k in range(len(chosen))]
-                count += len(chosen)
-            else:
-                rows += [found[k] for k in chosen]
-        return external, rows
-
-
 def blocks_valued_by_python(stack: OutputStack, model: pin.Model) -> list[tuple[OutputRows, slice]]:
     """Blocks whose values Python evaluates.
 
@@ -171,43 +99,44 @@ def _workspace(data: ReductionData) -> _Workspace:
     return kinematics.kernel_workspace
 
 
-def kernel_evaluator(data: ReductionData, table: RowTable, mu: Array | None) -> _kernel.library.Evaluator:
-    """The kernel's object.
+def _described(stack: RowStack, model: pin.Model) -> tuple[RowStack, list[KernelRow]]:
+    """Rows that Python evaluates, and the descriptions of all rows of a stack for the kernel."""
+    external: list[Place] = []
+    rows: list[KernelRow] = []
+    count = 0
+    for place in stack.places:
+        found = place.block.kernel_rows(model)
+        chosen = place.of(np.arange(len(place.block.names)))
+        if found is None:
+            # Python writes these rows one after the other into the array that the call gets.
+            external.append(place)
+            rows += [KernelRow(Form.EXTERNAL, (), (count + k,)) for k in range(len(chosen))]
+            count += len(chosen)
+        else:
+            rows += [found[k] for k in chosen]
+    return RowStack.of(external), rows
 
-    Args:
-        data: the reduction.
-        table: its rows.
-        mu: right-hand side of the constraints and its rate at the time of a frozen model (2 m); None for zero.
-    """
-    robot, workspace = data.robot, _workspace(data)
-    n, k, joints = data.n, data.vertical.size, robot.model.njoints
-    parts = data.actuation.parts
-    constant = np.zeros((n, data.p)) if parts is None else parts[0]
-    both = (table.external, table.external_vertical)
-    external = [sum(place.where.stop - place.where.start for place in places) for places in both]
-    sizes = (robot.nq, n, data.m, k, data.p, joints, len(table.frames), *external, len(table.integers))
-    rows, frames = np.empty(len(table.integers), _ROW), np.empty(len(table.frames), _FRAME)
-    rows["integers"], rows["numbers"] = table.integers, table.numbers
-    for record, frame in zip(frames, table.frames, strict=True):
+
+def _tables(rows: Sequence[KernelRow]) -> tuple[Array, Array]:
+    """Rows and their frames as the kernel stores them."""
+    table, frames = np.zeros(len(rows), _ROW), list[AttachedFrame]()
+    table["integers"][:, 2] = -1  # no second frame
+    known: dict[tuple[int, bytes], int] = {}
+    for row, integers, numbers in zip(rows, table["integers"], table["numbers"], strict=True):
+        integers[0], integers[1] = row.form, row.joint
+        integers[7], integers[6] = row.value
+        integers[3 : 3 + len(row.integers)], numbers[: len(row.numbers)] = row.integers, row.numbers
+        for place, frame in enumerate(row.frames):
+            # Rows of one wheel share its frame: the kernel computes its Jacobian once.
+            key = frame.joint, np.array(frame.placement.homogeneous).tobytes()
+            if key not in known:
+                known[key] = len(frames)
+                frames.append(frame)
+            integers[1 + place] = known[key]
+    records = np.empty(len(frames), _FRAME)
+    for record, frame in zip(records, frames, strict=True):
         record["joint"], record["placement"] = frame.joint, placement_numbers(frame.placement)
-    return _kernel.library.Evaluator(
-        (*sizes, len(workspace.entries), robot.nq != robot.nv, table.fused, data.rheonomic, len(table.laws)),
-        workspace.references,
-        workspace.views,
-        rows,
-        table.columns,
-        frames,
-        workspace.ends,
-        workspace.entries,
-        np.ascontiguousarray(table.constant),
-        np.ascontiguousarray(constant),
-        mu,
-        np.ascontiguousarray(data.lengths),
-        workspace.curved,
-        table.laws,
-        data.fast_length,
-        data.fast_limit,
-    )
+    return table, records
 
 
 def _curved_joints(model: pin.Model) -> Array | None:
@@ -275,7 +204,7 @@ class ReductionKernel:
 
     Attributes:
         calls: evaluator of the library; each call returns False or None if NumPy has to evaluate the states.
-        external, external_vertical: blocks of E and of J1 that Python evaluates.
+        external, external_vertical: rows of E and of J1 that Python evaluates.
         python_rows: True if there are some.
         python_values: blocks of reducing and of vertical outputs whose values Python evaluates.
         measures: True if one call evaluates all rows and values.
@@ -285,13 +214,16 @@ class ReductionKernel:
     """
 
     def __init__(self, data: ReductionData) -> None:
-        self.data = data
-        table = self._table = RowTable(data)
-        self.external, self.external_vertical = table.external, table.external_vertical
-        self.python_rows = bool(table.external or table.external_vertical)
-        self.has_inputs, self.fused = data.actuation.parts is not None, table.fused
-        time = data.kinematics.time or 0.0
-        self.calls = kernel_evaluator(data, table, self.rates_over_time([time]) if data.affine else None)
+        self.data, model = data, data.robot.model
+        self.external, stacked = _described(data.stack, model)
+        self.external_vertical, vertical = _described(data.vertical, model)
+        self.python_rows = bool(self.external.size or self.external_vertical.size)
+        self._mu = [row.rate for row in stacked[: data.m]]
+        timed = [place for place in data.constraints.places if place.block.rheonomic]
+        self._driven = [place for place in timed if place.block.kernel_rows(model) is not None]
+        self.has_inputs, passive = data.actuation.parts is not None, data.forces.kernel_forces()
+        self.fused = self.has_inputs and not self.external.size and passive is not None
+        self.calls = self._evaluator([*stacked, *vertical], passive if self.fused and passive is not None else [])
         n, r, k, p = data.n, data.r, data.vertical.size, data.p
         kinematics = {"M": (n, n), "J": (6, n), "placements": (data.robot.model.njoints, 12)}
         inverse = {"E": (n, n), "E_inverse": (n, n)}
@@ -316,6 +248,40 @@ class ReductionKernel:
         self.measures = not (self.python_rows or any(self.python_values))
         self.measured_sizes = *(each.itemsize // 8 for each in (self.kinematics, self.inverse, self.rates)), r + k
 
+    def _evaluator(
+        self, rows: Sequence[KernelRow], passive: Sequence[tuple[KernelRow, KernelForce]]
+    ) -> _kernel.library.Evaluator:
+        """The kernel's object, for rows of E and J1 and for passive forces."""
+        data, robot, workspace = self.data, self.data.robot, _workspace(self.data)
+        constant, inputs = data.actuation.parts or (np.zeros((data.n, data.p)), [])
+        # A force along an own axis of a frame is a wrench on it, as that of a constraint row.
+        units = np.eye(6)
+        forces = [KernelRow(Form.OWN, (attached(robot.model, frame),), (), units[row]) for _, frame, row in inputs]
+        every = [*rows, *forces, *(row for row, _ in passive)]
+        self._rows, frames = _tables(every)
+        zero = np.zeros(data.n)
+        sizes = robot.nq, data.n, data.m, data.vertical.size, data.p, robot.model.njoints, len(frames)
+        external = self.external.size, self.external_vertical.size, len(every), len(workspace.entries)
+        return _kernel.library.Evaluator(
+            (*sizes, *external, robot.nq != robot.nv, self.fused, data.rheonomic, len(passive)),
+            workspace.references,
+            workspace.views,
+            self._rows,
+            np.array([column for column, _, _ in inputs], dtype=np.int64),
+            frames,
+            workspace.ends,
+            workspace.entries,
+            np.array([zero if row.constant is None else row.constant for row in every]),
+            np.ascontiguousarray(constant),
+            # At the time of a frozen model.
+            self.rates_over_time([data.kinematics.time or 0.0]) if data.affine else None,
+            np.ascontiguousarray(data.lengths),
+            workspace.curved,
+            np.array([law for _, law in passive], dtype=float).reshape(-1, len(KernelForce._fields)),
+            data.fast_length,
+            data.fast_limit,
+        )
+
     def run_records(self, batch: tuple[int, ...], kinematics: Array | None = None) -> RunRecords:
         """Records of measurements without values; kinematics: those of the states, if known.
 
@@ -333,8 +299,11 @@ class ReductionKernel:
 
     def refresh(self) -> None:
         """Read the numbers of the constraint rows again, after a parameter of one changed."""
-        self._table.read_constraints()
-        self.calls.set_numbers(self._table.numbers)
+        _, rows = _described(self.data.constraints, self.data.robot.model)
+        numbers = np.array(self._rows["numbers"])
+        for row, each in zip(rows, numbers, strict=False):  # they come first
+            each[: len(row.numbers)] = row.numbers
+        self.calls.set_numbers(numbers)
 
     def rates_over_time(self, times: Sequence[float]) -> Array:
         """Right-hand sides mu at times (s,), then their rates over time, (s, 2 m); zero for moving ground.
@@ -343,9 +312,9 @@ class ReductionKernel:
             times: times (s,) [s].
         """
         found = np.zeros((len(times), 2, self.data.m))
-        found[:, 0] = self._table.rates
+        found[:, 0] = self._mu
         for t, rates in zip(times, found, strict=True):
-            for place in self._table.driven:
+            for place in self._driven:
                 for rate, values in zip(rates, place.block.rates_over_time(t), strict=True):
                     rate[place.where] = place.of(values)
         return found.reshape(len(times), -1)
@@ -357,7 +326,7 @@ class ReductionKernel:
             t: times (...) [s].
             batch: leading axes of the states.
         """
-        if t is None or not self._table.driven:
+        if t is None or not self._driven:
             return None
         # One time for all states is evaluated once.
         rates = self.rates_over_time(np.ravel(t).tolist()).reshape(*np.shape(t), -1)

@@ -9,7 +9,7 @@ Simulators and drawings do not read the kinds: they read the mechanisms of the r
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple, Protocol, TypeVar, runtime_checkable
 
@@ -428,15 +428,20 @@ class RowStack:
         return self._selected[kept]
 
     @classmethod
+    def of(cls, places: Iterable[Place]) -> RowStack:
+        """Stack of places of other stacks, one below the other."""
+        whole, moved, start = RowStack([]), list[Place](), 0
+        for block, where, rows in places:
+            end = start + where.stop - where.start
+            moved.append(Place(block, slice(start, end), rows))
+            start = end
+        whole._take(moved)
+        return whole
+
+    @classmethod
     def joined(cls, *stacks: RowStack) -> RowStack:
         """Concatenate several stacks."""
-        whole, places, size = RowStack([]), list[Place](), 0
-        for stack in stacks:
-            moved = ((block, slice(at.start + size, at.stop + size), rows) for block, at, rows in stack.places)
-            places += [Place(*each) for each in moved]
-            size += stack.size
-        whole._take(places)
-        return whole
+        return cls.of(place for stack in stacks for place in stack.places)
 
     def template(self, nv: int) -> np.ndarray:
         """Matrix (size, nv), stored by columns, with the values of the constant rows; do not write to it.
@@ -469,7 +474,8 @@ class RowStack:
             at: kinematics at configurations (..., nq).
         """
         template, batch = self.template(at.M.shape[-1]), at.q.shape[:-1]
-        out = np.array(np.broadcast_to(template, (*batch, *template.shape))) if batch else template.copy()
+        # By rows, as the kernel reads them.
+        out = np.array(np.broadcast_to(template, (*batch, *template.shape)), order="C") if batch else template.copy()
         self.write_jacobian(at, out)
         return out
 

@@ -39,7 +39,7 @@ def test_a_step_that_is_too_long_is_left_to_python():
 def test_built_in_rows_need_no_python():
     """Only rows of the user are evaluated in Python."""
     kernel = ReductionKernel(outputs_of_all_kinds().reduction_data)
-    names = [name for place in (*kernel.external, *kernel.external_vertical) for name in place.block.names]
+    names = [name for stack in (kernel.external, kernel.external_vertical) for name in stack.names]
     assert names == ["row", "own"]
     assert [block.names[0] for blocks in kernel.python_values for block, _ in blocks] == ["tip_orientation_x"]
 
