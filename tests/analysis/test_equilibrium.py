@@ -34,20 +34,6 @@ def test_the_pendulum_stands_or_hangs_whatever_is_nearer(start, end):
     check(reduced, found)
 
 
-def test_one_actuator_holds_a_family_and_the_nearest_of_it_is_found():
-    """An acrobot rests with its centre of mass below the shoulder: 3 sin(a) + sin(a + b) = 0."""
-    reduced, guess = textbook.acrobot(), np.array([0.2, 1.0])
-    found = rnc.equilibrium(reduced, guess)
-    a, b = found.q
-    assert 3 * np.sin(a) + np.sin(a + b) == pytest.approx(0, abs=1e-9)
-    along = np.array([np.cos(a + b), -3 * np.cos(a) - np.cos(a + b)])
-    assert along @ (found.q - guess) == pytest.approx(0, abs=1e-7)  # no nearer one beside it
-    check(reduced, found)
-    held = rnc.equilibrium(reduced, guess, hold=["elbow"])
-    assert (held.q[1], held.q[0]) == (1.0, pytest.approx(-np.arctan2(np.sin(1.0), 3 + np.cos(1.0)), abs=1e-9))
-    check(reduced, held)
-
-
 def test_a_loop_is_closed_and_rests():
     reduced = four_bar()
     loop = rnc.NonholonomicSystem(reduced.robot, [rnc.LoopClosure("coupler_tip", "rocker_tip", "point")])
@@ -262,19 +248,6 @@ def test_where_there_is_none_the_shape_variable_that_moves_is_named(joints, hold
     with pytest.raises(rnc.ConstraintError, match=f"no steady motion found .* shape variable {words}") as told:
         rnc.equilibrium(reduced, reduced.robot.configuration(joints), hold, v2)
     assert "\n" not in str(told.value)
-
-
-def test_what_turns_stands_upright_or_is_thrown_out():
-    """``(m h^2 + I_x - I_z) cos(pitch) = -m h (g / w^2 + r)``: motors that keep it on its circle push the body."""
-    reduced = textbook.wheeled_pendulum()
-    robot, rate = reduced.robot, 7.0
-    body = robot.model.inertias[robot.model.getJointId("pitch")]
-    h, inertia = body.lever[2], np.diag(body.inertia)
-    expected = np.arccos(-body.mass * h * (G / rate**2 + 0.1) / (body.mass * h**2 + inertia[0] - inertia[2]))
-    for guess, pitch in ((1.2, expected), (-1.2, -expected), (0.05, 0.0)):
-        found = rnc.equilibrium(reduced, robot.configuration({"pitch": guess}), v2=[0.0, 0.0, rate])
-        assert robot.joint_values(found.q)["pitch"] == pytest.approx(pitch, abs=1e-8)
-        np.testing.assert_allclose(reduced.forward_dynamics(found.q, found.v2, found.T), 0, atol=1e-7)
 
 
 def test_a_bead_on_a_hoop_that_turns():

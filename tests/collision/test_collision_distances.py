@@ -8,6 +8,7 @@ import pytest
 import rnc_pin as rnc
 from bodies import add_body
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection, ground_shape
+from systems import with_shape
 from telescopes import telescope
 
 
@@ -15,11 +16,8 @@ def ball_on_rails(radius=0.1):
     """Ball that moves along x and then along y."""
     model = pin.Model()
     along = add_body(model, "along", "PX", pin.Inertia.FromSphere(1.0, radius))
-    across = add_body(model, "across", "PY", pin.Inertia.FromSphere(1.0, radius), along)
-    frame = model.addFrame(pin.Frame("ball", across, 0, pin.SE3.Identity(), pin.FrameType.BODY))
-    geometry = pin.GeometryModel()
-    geometry.addGeometryObject(pin.GeometryObject("ball_0", across, frame, pin.SE3.Identity(), coal.Sphere(radius)))
-    return rnc.Robot(model, geometry, geometry)
+    add_body(model, "across", "PY", pin.Inertia.FromSphere(1.0, radius), along, frame="ball")
+    return with_shape(rnc.Robot(model), "ball", coal.Sphere(radius))
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,7 @@ from bodies import add_body
 from drawn_motions import DenseReplay, drawn_motion
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection, continuous_distances
 from rnc_pin.collision.continuous_distances import default_tolerance
+from systems import with_shape
 
 WITHIN = 0.05
 COAL = 1e-5  # [m]; errors of coal
@@ -80,10 +81,8 @@ def test_a_wheel_that_spins_fast_beside_a_wall_is_certain():
 
 
 def test_tolerance_follows_the_size_of_the_robot():
-    model, geometry = pin.Model(), pin.GeometryModel()
-    joint = add_body(model, "slide", "PX", pin.Inertia.FromSphere(1.0, 0.1))
-    frame = model.addFrame(pin.Frame("bead", joint, 0, pin.SE3.Identity(), pin.FrameType.BODY))
-    geometry.addGeometryObject(pin.GeometryObject("bead_0", joint, frame, pin.SE3.Identity(), coal.Sphere(0.01)))
-    bead = CollisionDistances(rnc.Robot(model, geometry, geometry))
+    model = pin.Model()
+    add_body(model, "slide", "PX", pin.Inertia.FromSphere(1.0, 0.1), frame="bead")
+    bead = CollisionDistances(with_shape(rnc.Robot(model), "bead", coal.Sphere(0.01)))
     assert default_tolerance(bead) == pytest.approx(0.01 * np.sqrt(3.0) * 0.01)
     assert default_tolerance(CollisionDistances(rnc.Robot.from_example("tiago_no_hand"))) == 1e-3

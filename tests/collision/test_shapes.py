@@ -6,8 +6,10 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection, load_mesh_shape
 from rnc_pin.collision.shapes import hull_of
+from systems import with_shape
 
 ANGLES = np.linspace(0.0, 2 * np.pi, 400, endpoint=False)
 RING = np.column_stack([np.cos(ANGLES), np.sin(ANGLES), 0 * ANGLES])
@@ -27,14 +29,12 @@ def test_the_tip_of_a_fine_cone_gets_a_box_that_contains_it():
 
 def wheel_on_an_axle(shape, placement):
     """A shape on a revolute joint about an axis that is not one of the frame, 0.5 m beside a small ball."""
-    model, geometry = pin.Model(), pin.GeometryModel()
-    axle = pin.JointModelRevoluteUnaligned(np.array([0.0, 0.6, 0.8]))
-    joint = model.addJoint(0, axle, pin.SE3(pin.rpy.rpyToMatrix(0.3, 0.2, 0.1), np.array([0.0, 0.0, 1.0])), "axle")
-    model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
-    frame = model.addFrame(pin.Frame("wheel", joint, 0, pin.SE3.Identity(), pin.FrameType.BODY))
-    geometry.addGeometryObject(pin.GeometryObject("wheel_0", joint, frame, placement, shape))
+    model, axle = pin.Model(), pin.JointModelRevoluteUnaligned(np.array([0.0, 0.6, 0.8]))
+    place = pin.SE3(pin.rpy.rpyToMatrix(0.3, 0.2, 0.1), np.array([0.0, 0.0, 1.0]))
+    add_body(model, "axle", axle, 1.0, at=place, frame="wheel")
+    robot = with_shape(rnc.Robot(model), "wheel", shape, placement)
     ball = Obstacle(coal.Sphere(0.1), position=(0.5, 0.4, 0.9), name="ball")
-    return CollisionDistances(rnc.Robot(model, geometry, geometry), [ball], PairSelection(links=False))
+    return CollisionDistances(robot, [ball], PairSelection(links=False))
 
 
 ALONG = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.6, 0.8])).toRotationMatrix()

@@ -6,7 +6,6 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.user_functions import gradient
 from rolling import rigid_body
 from row_kinds import BALL, BOWL, DRUM, EGG, ON_CURVED_GROUND
 from tolerances import ROUNDING
@@ -112,16 +111,6 @@ def test_a_ball_in_a_bowl_keeps_its_spin_about_the_normal():
     R, v, v_dot = pose.rotation, state.v, state.v_dot(state.v2_dot([]))
     kept = (R @ v_dot[3:]) @ (center - pose.translation) - (R @ v[3:]) @ (R @ v[:3])
     assert kept == pytest.approx(0.0, abs=1e-10)
-
-
-@pytest.mark.parametrize("name", ON_CURVED_GROUND)
-def test_derivatives_are_those_of_differences(name):
-    robot = rigid_body(1.5, (0.1, 0.2, 0.3))
-    reduced = rnc.NonholonomicSystem(robot, [ON_CURVED_GROUND[name]]).reduce()
-    q, v2 = reduced.assembled(at_place(reduced, (0.5, -0.3, 0.2))), np.array([1.0, -2.0, 3.0])[: reduced.r]
-    found = rnc.state_derivatives(reduced, q, v2, [])
-    expected = gradient(robot.model, lambda p: reduced.forward_dynamics(p, v2, []), q, 1e-3)
-    np.testing.assert_allclose(found.v2_dot_q, expected, atol=1e-7 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize(("radius", "height"), [(1.0, 1.2), (0.1, 0.3), (1.0, 0.8)])

@@ -14,33 +14,10 @@ from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.motion.planning import Harmonic, Hold, InTurn, MinimumJerk
 from simple_controllers import Idle
 
-ANGLE = 0.4
-
 
 @pytest.fixture(scope="module")
 def robot():
     return rnc.Robot.from_urdf("space_robot.urdf")
-
-
-def test_a_welded_joint_is_a_locked_one(robot):
-    """Its dynamics are those of Pinocchio's model without the joint."""
-    welded = rnc.FixedOutput(rnc.JointPosition("joint_1"), ANGLE)
-    reduced = rnc.NonholonomicSystem(robot, [welded], ["joint_2", "joint_3"]).reduce()
-    q = reduced.assembled(robot.configuration({"joint_2": 0.7, "joint_3": -0.2}))
-    assert not reduced.rheonomic
-    assert not reduced.all_constraints.affine
-    locked = pin.buildReducedModel(robot.model, [robot.joint_id("joint_1")], q)
-    generator = np.random.default_rng(2)
-    v, T = generator.normal(size=locked.nv), generator.normal(size=2)
-    free = [k for k, name in enumerate(robot.velocity_names) if "joint_1" not in name]
-    whole = np.zeros(robot.nv)
-    whole[free] = v
-    found, forces = reduced.at(q, v=whole).acceleration(T), np.zeros(locked.nv)
-    forces[-2:] = T
-    q_free = np.delete(q, robot.model.idx_qs[robot.joint_id("joint_1")])
-    expected = pin.aba(locked, locked.createData(), q_free, v, forces)
-    np.testing.assert_allclose(found[free], expected, rtol=1e-9, atol=1e-10)
-    assert found[robot.velocity_names.index("joint_1")] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_an_impact_takes_the_time_of_a_prescribed_motion(robot):

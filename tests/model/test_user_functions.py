@@ -34,20 +34,6 @@ def test_a_derived_rate_is_that_of_the_closed_form(rng):
     np.testing.assert_array_equal(rate(q, 0 * v), 0 * rate(q, v))
 
 
-def test_a_constraint_and_an_output_from_rows_alone_give_the_dynamics_of_the_built_in_kind(rng):
-    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
-    own = rnc.Pfaffian(lambda q: np.array([[0.0, 1.0, 0.0]]), names=["edge"])  # velocities are in body axes
-    ahead = rnc.Output(None, lambda q: np.array([[1.0, 0.0, 0.0]]), names=["ahead"])
-    heading = rnc.FrameYaw("sleigh")
-    derived = rnc.NonholonomicSystem(robot, [own]).reduce([ahead, heading])
-    built_in = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce([rnc.FrameSpeed("sleigh"), heading])
-    for _ in range(5):
-        q, v2 = robot.random_configuration(rng), rng.normal(size=2)
-        found, expected = derived.at(q, v2), built_in.at(q, v2)
-        np.testing.assert_allclose(found.R_dot, expected.R_dot, atol=1e-12)
-        np.testing.assert_allclose(found.V, expected.V, atol=1e-12)
-
-
 def test_functions_may_return_the_same_memory_each_time(rng):
     robot, memory = rnc.Robot.from_urdf("space_robot.urdf"), np.zeros((1, 4))
 
@@ -79,22 +65,6 @@ def test_a_residual_has_the_rate_of_its_rows(factor, what):
         return
     with pytest.raises(rnc.ConstraintError, match=r"rows\(q\) v .* is not the rate of residual\(q\): row 'kept'"):
         rnc.NonholonomicSystem(robot, [kept], [])
-
-
-def test_the_rate_of_a_moving_belt_is_derived(rng):
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
-    row = np.array([[0.0, 1.0, 1.0, 1.0]])
-
-    def system(**options):
-        rows = rnc.Pfaffian(lambda q: row, names=["belt"], rate=lambda q: np.sin(2 * q[:1]) * q[3], **options)
-        return rnc.NonholonomicSystem(robot, [rows], ["joint_1", "joint_2", "joint_3"]).reduce()
-
-    given = system(rate_dot=lambda q, v: 2 * np.cos(2 * q[:1]) * v[0] * q[3] + np.sin(2 * q[:1]) * v[3])
-    derived = system()
-    for _ in range(5):
-        q, v2, T = robot.random_configuration(rng), rng.normal(size=3), rng.normal(size=3)
-        expected = given.forward_dynamics(q, v2, T)
-        np.testing.assert_allclose(derived.forward_dynamics(q, v2, T), expected, rtol=1e-12, atol=1e-12)
 
 
 def bend(q):

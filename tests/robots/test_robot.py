@@ -12,7 +12,6 @@ import rnc_pin as rnc
 from bodies import add_body
 from refusals import refused
 from rnc_pin.robots.robot_files import find_example, find_urdf
-from textbook_systems import tractor_trailers
 from tolerances import ROUNDING
 from urdf_parts import INERTIAL, write
 
@@ -214,8 +213,7 @@ def test_joints_that_are_not_added_branch_by_branch_are_refused():
         model = pin.Model()
         places = {"": 0}
         for name, parent in order:
-            places[name] = model.addJoint(places[parent], pin.JointModelRY(), pin.SE3(np.eye(3), np.ones(3)), name)
-            model.appendBodyToJoint(places[name], pin.Inertia.FromSphere(1.0, 0.2), pin.SE3(np.eye(3), np.ones(3)))
+            places[name] = add_body(model, name, "RY", 1.0, places[parent], com=(1, 1, 1), at=(1, 1, 1))
         return rnc.Robot(model)
 
     assert robot([("left", ""), ("hand", "left"), ("right", "")]).nv == 3
@@ -342,23 +340,3 @@ test_masses_that_make_no_sense_are_refused = refused([
     ({"link_1": 1e300}, "limit 1e+15"),
     (["link_1"], "masses have to be a mapping of links to masses [kg], found list"),
 ], lambda masses: rnc.Robot.from_urdf("space_robot.urdf").with_masses(masses), rnc.ModelError)  # fmt: skip
-
-
-def test_trailers_turn_as_their_kinematics_say():
-    """``thetadot_i = v_(i-1) sin(theta_(i-1) - theta_i) / L`` with ``v_i = v_(i-1) cos(theta_(i-1) - theta_i)``."""
-    reduced = tractor_trailers(3)
-    assert (reduced.n, reduced.m, reduced.r, reduced.dropped_rows) == (7, 5, 2, ())
-    generator = np.random.default_rng(0)
-    for _ in range(5):
-        steering, *hitches = generator.uniform(-0.8, 0.8, 4)
-        joints = {"front_steering": steering, **{f"hitch_{i}": hitch for i, hitch in enumerate(hitches, start=1)}}
-        q = reduced.robot.configuration({"root_joint": generator.uniform(-2, 2, 3), **joints})
-        u = 1.3
-        v = reduced.terms(q, np.array([u, 0.4])).v
-        rate, speed = u * np.tan(steering), u
-        assert v[2] == pytest.approx(rate)
-        for number, hitch in enumerate(hitches, start=1):
-            turn = v[reduced.robot.velocity_indices(f"hitch_{number}")][0]
-            following = -speed * np.sin(hitch)  # hitch = theta_i - theta_(i-1)
-            assert turn == pytest.approx(following - rate)
-            rate, speed = following, speed * np.cos(hitch)

@@ -7,7 +7,7 @@ import pinocchio as pin
 
 import rnc_pin as rnc
 import systems
-from bodies import add_frame
+from bodies import add_body, add_frame
 from systems import free_arm
 
 BESIDE = (0.1, -0.2, 0.3)
@@ -59,11 +59,9 @@ def momenta(value):
 @cache
 def planar_arm():
     model = pin.Model()
-    joint = model.addJoint(0, pin.JointModelPlanar(), pin.SE3(np.eye(3), np.array([0.4, -0.3, 0.0])), "root_joint")
-    for name in ("shoulder", "elbow"):
-        model.appendBodyToJoint(joint, pin.Inertia(2.0, np.array([0.2, 0.3, 0.0]), np.eye(3)), pin.SE3.Identity())
-        joint = model.addJoint(joint, pin.JointModelRZ(), pin.SE3(np.eye(3), np.array([0.5, 0.1, 0.2])), name)
-    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.array([0.3, 0.1, 0.0]), np.eye(3)), pin.SE3.Identity())
+    base = add_body(model, "root_joint", "Planar", 2.0, com=(0.2, 0.3, 0.0), at=(0.4, -0.3, 0.0))
+    upper = add_body(model, "shoulder", "RZ", 2.0, base, com=(0.2, 0.3, 0.0), at=(0.5, 0.1, 0.2))
+    add_body(model, "elbow", "RZ", 1.0, upper, com=(0.3, 0.1, 0.0), at=(0.5, 0.1, 0.2))
     model.gravity.linear = np.zeros(3)
     return rnc.NonholonomicSystem(rnc.Robot(model), []).reduce()
 

@@ -4,6 +4,7 @@ import numpy as np
 import pinocchio as pin
 
 import rnc_pin as rnc
+from bodies import add_body
 
 STEP = 1e-4  # [s]; differences of the fourth order
 GRAVITY = np.array([0.0, 0.0, -9.81])
@@ -13,10 +14,9 @@ def rigid_body(mass=2.0, moments=(0.02, 0.03, 0.04), lever=(0.0, 0.0, 0.0), turn
     """One body on a free base."""
     model = pin.Model()
     model.name = "body"
-    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
     R = pin.rpy.rpyToMatrix(np.array(turned))
-    model.appendBodyToJoint(joint, pin.Inertia(mass, np.array(lever), R @ np.diag(moments) @ R.T), pin.SE3.Identity())
-    model.addFrame(pin.Frame("body", joint, pin.SE3.Identity(), pin.FrameType.BODY))
+    inertia = pin.Inertia(mass, np.array(lever), R @ np.diag(moments) @ R.T)
+    add_body(model, "root_joint", "FreeFlyer", inertia, frame="body")
     model.gravity.linear = gravity
     return rnc.Robot(model)
 

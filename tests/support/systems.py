@@ -246,14 +246,15 @@ def at_pose(reduced, x, y, yaw=0.0, **joints):
 
 def knife_box(length=0.6, width=0.6):
     """A box with a knife edge in its middle."""
-    robot = with_box(rnc.Robot.from_urdf("unicycle.urdf", base="planar"), "axle", length, width, 0.2)
+    robot = with_shape(rnc.Robot.from_urdf("unicycle.urdf", base="planar"), "axle", coal.Box(length, width, 0.2))
     return rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
 
 
-def with_box(robot, frame, *sides):
-    """The robot with a box as its outline, on a frame of its base."""
-    geometry, frame = pin.GeometryModel(), robot.model.getFrameId(frame)
-    geometry.addGeometryObject(pin.GeometryObject("body", 1, frame, pin.SE3.Identity(), coal.Box(*sides)))
+def with_shape(robot, name, shape, place=None):
+    """The robot with a shape as its outline, on a frame."""
+    geometry, frame = pin.GeometryModel(), robot.model.getFrameId(name)
+    joint, place = robot.model.frames[frame].parentJoint, place or pin.SE3.Identity()
+    geometry.addGeometryObject(pin.GeometryObject(f"{name}_0", joint, frame, place, shape))
     return rnc.Robot(robot.model, collision_model=geometry)
 
 
@@ -470,4 +471,4 @@ def wheels_on_moving_ground():
 def mecanum_box() -> rnc.ReducedModel:
     """A box on four Mecanum wheels, with collision geometry."""
     rows = [rnc.RollingWheel(name, WHEEL, roller=roller) for name, roller in ROLLERS.items()]
-    return rnc.NonholonomicSystem(with_box(mecanum().robot, "base", 0.6, 0.4, 0.2), rows).reduce()
+    return rnc.NonholonomicSystem(with_shape(mecanum().robot, "base", coal.Box(0.6, 0.4, 0.2)), rows).reduce()

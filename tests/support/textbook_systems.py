@@ -98,12 +98,6 @@ def sideways_pendulum():
     return reduced
 
 
-def acrobot(actuators=("elbow",)):
-    """Two links under gravity, hanging at zero."""
-    system = rnc.NonholonomicSystem(hanging(["shoulder", "elbow"]), [], list(actuators))
-    return system.reduce([rnc.JointPosition("shoulder"), rnc.JointPosition("elbow")])
-
-
 def sliders_with_rows(A, A_dot=None):
     """Slides whose last ``k`` move at ``A(q)`` (k, r) times the rates of the first ``r``."""
     k, r = np.shape(A(np.zeros(99)))

@@ -95,22 +95,6 @@ def test_a_wheel_rolls_about_an_axis_in_any_direction(axis, tmp_path):
         np.testing.assert_allclose(rows.jacobian(motion) @ motion.v, expected, atol=ROUNDING)
 
 
-def test_a_skid_steer_turns_about_the_axle_it_is_given():
-    """Wheels that skid have a rolling and a vertical row; one equivalent axle, off the middle, takes the side slip."""
-    robot = rnc.Robot(systems.rolling_base(CORNERS, WHEEL))
-    behind = -0.12
-    pair = [rnc.RollingWheel(name, WHEEL, lateral=False) for name in ("fl", "fr")]
-    system = rnc.NonholonomicSystem(robot, [*pair, rnc.NoSideSlip("base", at=(behind, 0, 0))], ["fl_spin", "fr_spin"])
-    assert system.rows.names[:2] == ("rolling(fl)", "vertical(fl)")
-    assert system.rows.names[-1] == "no_side_slip(base[-0.12 0 0].y)"
-    spins = [rnc.JointPosition(f"b{side}_spin") for side in "lr"]
-    reduced = system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base"), *spins])
-    for q, v2 in random_states(reduced, 3):
-        v = reduced.at(q, v2).v
-        assert v[1] == pytest.approx(-behind * v2[1], abs=ROUNDING)
-        np.testing.assert_allclose(v[3:5] * WHEEL, v2[0] + v2[1] * np.array([-0.25, 0.25]), atol=ROUNDING)
-
-
 def test_radii_of_mecanum_wheels_can_be_estimated():
     reduced = systems.mecanum()
     regressor = WheelRegressor(reduced, [UnknownRadius(list(CORNERS))])
@@ -121,28 +105,6 @@ def test_radii_of_mecanum_wheels_can_be_estimated():
         np.testing.assert_allclose(WHEEL * Y[:, 0], y, atol=ROUNDING)
         believed = model.with_parameters(np.array([WHEEL])).at(q, v2).measure()
         np.testing.assert_allclose(believed.v, reduced.at(q, v2).v, atol=ROUNDING)
-
-
-def test_a_caster_carries_its_share():
-    """Two wheels and a caster on a free base: it stands at its height, and the moments about the axle balance."""
-    robot = rnc.Robot.from_urdf("differential_drive.urdf", base="free")
-    wheels = [rnc.RollingWheel(f"{side}_wheel", 0.1) for side in ("left", "right")]
-    motors = ["left_wheel_joint", "right_wheel_joint"]
-    system = rnc.NonholonomicSystem(robot, [*wheels, rnc.Caster("nose", 0.06)], motors)
-    reduced = system.reduce([rnc.FrameSpeed("base"), rnc.FrameAngularVelocity("base", "z")])
-    assert "vertical(nose)" in reduced.constraints.names
-    q, data = reduced.assembled(robot.configuration()), robot.model.createData()
-    pin.framesForwardKinematics(robot.model, data, q)
-    com = pin.centerOfMass(robot.model, data, q)
-    axle, nose = (data.oMf[robot.frame_id(name)].translation for name in ("left_wheel", "nose"))
-    assert nose[2] == pytest.approx(0.06, abs=1e-12)
-    forces = dict(zip(system.rows.names, reduced.at(q, np.zeros(2)).contact_forces(np.zeros(2)), strict=True))
-    weight = 9.81 * pin.computeTotalMass(robot.model)
-    borne = weight * (com[0] - axle[0]) / (nose[0] - axle[0])
-    assert forces["vertical(nose)"] == pytest.approx(borne, rel=1e-9)
-    planar = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
-    flat = rnc.NonholonomicSystem(planar, [*wheels, rnc.Caster("nose", 0.1)])
-    assert ("vertical(nose)", "zero at every configuration") in {(row.name, row.reason) for row in flat.dropped_rows}
 
 
 def with_frames(robot, frames):
@@ -167,6 +129,7 @@ def test_a_point_beside_a_frame_is_as_a_frame_there():
         (rnc.LoopClosure("rear", "front", "point", **offsets), rnc.LoopClosure("a", "b", "point")),
         (rnc.LoopClosure("rear", "front", "frame", **offsets, rpy=turned), rnc.LoopClosure("a", "b_turned")),
     ]
+    assert pairs[0][0].bind(robot).names == ("no_side_slip(rear[0.1 -0.2 0.3].z)",)
     generator, kinematics = np.random.default_rng(2), Kinematics(robot)
     for _ in range(3):
         q, v = robot.random_configuration(generator, 1.0), generator.normal(size=robot.nv)
@@ -209,20 +172,6 @@ def test_the_linkage_as_a_coupler_has_its_angle_and_slope(first, axis):
         left, right = (follower, driver) if first == "left" else (driver, follower)
         assert 1 / np.tan(right) - 1 / np.tan(left) == pytest.approx(k, rel=1e-12)
         assert slope == pytest.approx(-((np.sin(follower) / np.sin(driver)) ** 2), rel=1e-12)
-
-
-def test_a_car_that_is_steered_behind_turns_its_rear_wheels_the_other_way():
-    model = systems.rolling_base({"fl": (0.0, 0.3), "fr": (0.0, -0.3)}, WHEEL)
-    for name, y in (("left", 0.3), ("right", -0.3)):
-        joint = add_body(model, name, "RZ", 1.0, 1, moments=0.01, at=(-1.1, y, 0.0))
-        systems.add_wheel(model, joint, f"b{name[0]}", pin.SE3.Identity(), WHEEL)
-    wheels = [rnc.RollingWheel(name, WHEEL) for name in ("fl", "fr", "bl", "br")]
-    system = rnc.NonholonomicSystem(rnc.Robot(model), [*wheels, rnc.AckermannSteering("left", "right", "fl")])
-    assert system.r == 2
-    reduced = system.reduce([rnc.FrameSpeed("base"), rnc.JointPosition("left")])
-    v = reduced.at(system.assembled(system.robot.configuration({"left": -0.4}), hold=["left"]), [1.0, 0.0]).v
-    # To the left, about a centre beyond the left wheel.
-    assert v[2] == pytest.approx(1 / (1.1 / np.tan(0.4) + 0.3), rel=1e-9)
 
 
 @pytest.mark.parametrize(("joints", "error", "words"), [

@@ -301,15 +301,6 @@ def test_a_robot_whose_actuators_move_less_is_refused_in_one_line(source):
     assert words in str(refusal.value)
 
 
-def test_a_bare_robot_is_drafted_and_driven(brief):
-    run = prepared("differential_drive.urdf", [(0, {"kind": "base_goal", "x": 0.5, "y": 0.3})])
-    assert run.controls.base is not None
-    assert (run.controls.base.turns, run.controls.base.slides) == (True, False)
-    assert run.scenario.experiment.simulation.dt == 0.01
-    trajectory = drive(run, samples=500).trajectory
-    np.testing.assert_allclose(point_of(run, trajectory.q[-1], run.controls.base.frame)[:2], [0.5, 0.3], atol=0.03)
-
-
 CONTROLS = DriveControls(frames={"tip": (True, True, False)}, joints={}, base=DrivenBase("base", True, False))
 GOALS = initial_goals(CONTROLS)
 

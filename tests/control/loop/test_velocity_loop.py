@@ -33,21 +33,6 @@ def constant(v2):
     return Memoryless(lambda *_: rnc.control.VelocityTarget(np.array(v2, dtype=float), np.zeros(len(v2))))
 
 
-def test_a_command_is_the_admissible_motion_of_the_target():
-    reduced, target, q0 = arm_on_wheels()
-    v = reduced.at(q0, np.array([0.1, -0.2, 0.1, 0.2])).v
-    loop = rnc.VelocityLoop(reduced, target, DT, limits=False)
-    command = loop.step(0.0, q0, v)
-    desired = target.step(0.0, reduced.at(q0, v=v).measure(np.zeros(4)), None)[0].v2
-    state = reduced.at(q0, desired)
-    assert command.v == pytest.approx(state.v, abs=1e-12)
-    assert np.abs(state.A @ command.v).max() < 1e-12
-    assert command.twist == pytest.approx((command.v[0], command.v[1], command.v[2]), abs=1e-14)
-    assert (loop.joints, command.joints) == (("joint_1", "joint_2"), pytest.approx(command.v[3:]))
-    assert command.u == pytest.approx(state.B.T @ command.v)  # forward, yaw, two joints
-    assert command.u[:2] == pytest.approx([command.twist.forward, command.twist.yaw])
-
-
 def test_a_differential_drive_turns_its_wheels_by_the_textbook():
     reduced, _ = differential_drive()
     loop = rnc.VelocityLoop(reduced, constant([0.5, 0.8]), DT)

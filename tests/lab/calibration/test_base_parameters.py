@@ -4,13 +4,13 @@ import numpy as np
 import pinocchio as pin
 
 import rnc_pin as rnc
+from bodies import add_body
 from systems import floating_panda, four_bar
 
 
 def hinge():
     model, place = pin.Model(), pin.SE3(pin.exp3(np.array([np.pi / 2, 0, 0])), np.zeros(3))
-    joint = model.addJoint(0, pin.JointModelRZ(), place, "hinge")
-    model.appendBodyToJoint(joint, pin.Inertia(2.0, np.array([0.3, 0.1, 0.2]), np.eye(3)), pin.SE3.Identity())
+    add_body(model, "hinge", "RZ", 2.0, com=(0.3, 0.1, 0.2), at=place)
     return rnc.NonholonomicSystem(rnc.Robot(model), (), ["hinge"]).reduce()
 
 

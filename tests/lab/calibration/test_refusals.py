@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.lab.calibration import EncoderScale, JointShift, SensorPlace, WheelRadius
 from rnc_pin.lab.logs import Channel, LogMapping, unwrapped
 from rolled_logs import DIFFERENTIAL, TRICYCLE
@@ -46,9 +47,8 @@ def corrected(**corrections):
 
 
 def pendulum():
-    model, body = pin.Model(), pin.Inertia(1.0, np.ones(3), np.eye(3))
-    joint = model.addJoint(0, pin.JointModelRX(), pin.SE3.Identity(), "hinge")
-    model.appendBodyToJoint(joint, body, pin.SE3.Identity())
+    model = pin.Model()
+    add_body(model, "hinge", "RX", 1.0, com=(1, 1, 1))
     return rnc.NonholonomicSystem(rnc.Robot(model), (), ["hinge"]).reduce()
 
 

@@ -22,7 +22,7 @@ from rnc_pin.motion.planning.steering_detection import SampledBases
 from rnc_pin.motion.planning.way import intervals_along, motion_along
 from rnc_pin.motion.planning.way_checking import goal_configurations, position_limits, way_checker
 from rnc_pin.motion.planning.way_search import SearchBudget, WaySearch, WaySpace
-from systems import ROLLERS, WHEEL, at_pose, four_bar, knife_box, mecanum, mecanum_box, tiago, with_box
+from systems import ROLLERS, WHEEL, at_pose, four_bar, knife_box, mecanum, mecanum_box, tiago, with_shape
 
 Obstacle = rnc.collision.Obstacle
 
@@ -316,7 +316,7 @@ def test_each_shortcut_makes_a_way_faster_by_a_thousandth_at_least():
 @pytest.mark.parametrize("base", ["planar", "free"])
 def test_states_of_the_search_are_configurations(base):
     """Each kind of joint in its own subspace, and back."""
-    model = with_box(rnc.Robot.from_urdf("unicycle.urdf", base=base), "axle", 0.2, 0.2, 0.2).model.copy()
+    model = with_shape(rnc.Robot.from_urdf("unicycle.urdf", base=base), "axle", coal.Box(0.2, 0.2, 0.2)).model.copy()
     for kind in ("RUBZ", "Spherical", "FreeFlyer", "RX", "PY"):
         add_body(model, kind, kind, 1.0, 1, com=(0.2, 0, 0), moments=0.05)
     model.lowerPositionLimit[-1], model.upperPositionLimit[-1] = -0.3, 0.4

@@ -12,7 +12,7 @@ from rnc_pin.motion.whole_body import ControlSample, InverseDynamicsQP
 from rnc_pin.motion.whole_body.limits import CollisionAvoidance
 from rnc_pin.motion.whole_body.limits.distance_limits import approach_speed
 from rnc_pin.motion.whole_body.tasks import DampingTask, OutputTask
-from systems import with_box
+from systems import with_shape
 
 DT = 0.01
 
@@ -71,12 +71,10 @@ def test_an_approach_needs_no_more_than_its_deceleration():
 def weak_cart(effort):
     """Ball of 1 kg on a rail along x that can push itself with a limited force."""
     model = pin.Model()
-    joint = add_body(model, "rail", "PX", pin.Inertia.FromSphere(1.0, 0.1))
+    add_body(model, "rail", "PX", pin.Inertia.FromSphere(1.0, 0.1), frame="cart")
     model.upperEffortLimit[:] = effort
-    frame = model.addFrame(pin.Frame("cart", joint, 0, pin.SE3.Identity(), pin.FrameType.BODY))
-    geometry = pin.GeometryModel()
-    geometry.addGeometryObject(pin.GeometryObject("cart_0", joint, frame, pin.SE3.Identity(), coal.Sphere(0.1)))
-    return rnc.NonholonomicSystem(rnc.Robot(model, geometry, geometry), [], ["rail"]).reduce()
+    robot = with_shape(rnc.Robot(model), "cart", coal.Sphere(0.1))
+    return rnc.NonholonomicSystem(robot, [], ["rail"]).reduce()
 
 
 def least_distance(obstacle, goal, braking_time=2.0, **settings):
@@ -117,7 +115,7 @@ def test_robot_retreats_from_a_person_in_motion():
 
 def test_a_hand_that_rests_on_an_edge_keeps_both_of_its_ends():
     """A box over a box, tilted by 1e-4 rad: one corner is nearest, and the edge of a turn beside it counts too."""
-    robot = with_box(free_body(1.0, 0.1, hand=(0, 0, 0)), "hand", 0.2, 0.1, 0.1)
+    robot = with_shape(free_body(1.0, 0.1, hand=(0, 0, 0)), "hand", coal.Box(0.2, 0.1, 0.1))
     floor = Obstacle(coal.Box(2.0, 2.0, 1.0), position=(0.0, 0.0, -0.5), name="floor")
     distances, height, tilt = CollisionDistances(robot, [floor]), 0.051, 1e-4
     q = np.array([0.0, 0.0, height, 0.0, np.sin(tilt / 2), 0.0, np.cos(tilt / 2)])
