@@ -7,8 +7,7 @@ import pytest
 import rnc_pin as rnc
 from bodies import add_body, add_frame
 from random_systems import CONSTRAINTS, KINDS, Recipe, constraint, robot_of
-from rnc_pin.motion.planning import MinimumJerk
-from systems import drifting_manipulator, random_states, reacting, spinning_space_robot, tumbling_panda
+from systems import drifting_manipulator, random_states, reacting, tumbling_panda
 from tolerances import KKT
 
 SAID = "which is declared as conserved: omit the momentum"
@@ -230,21 +229,3 @@ def test_momentum_is_that_about_the_origin_of_the_world(make, axes, given):
         linear = data.hg.linear
         about_origin = data.hg.angular + np.cross(data.com[0], linear)
         np.testing.assert_allclose(np.concatenate([linear, about_origin])[axes], given, atol=1e-10)
-
-
-def test_a_run_keeps_momentum_and_energy():
-    reduced = spinning_space_robot()
-    task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
-    q0 = reduced.robot.configuration({"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1})
-    x1, x2 = reduced.at(q0).outputs()
-    # The platform turns by itself and is told to turn elsewhere: (12) has to count with the rate that it has anyway.
-    primary = MinimumJerk(x2[:2], x2[:2] + np.array([-0.2, 0.3]), 3.0)
-    target = rnc.control.RedundancyController(task, primary, MinimumJerk(x1, x1 + 0.4, 3.0), k3=3.0, k21=3.0)
-    run = rnc.simulate(reduced, rnc.control.ComputedTorque(reduced, target, 40.0), q0, 4.0, 0.005)
-    assert run.constraint_residual.max() < 1e-9
-    assert np.abs(run.v[0]).max() > 0.1, "it does not start at rest"
-    np.testing.assert_allclose(run.energy - run.work, run.energy[0], atol=1e-6)
-    assert max(rnc.summarize(run)["final_error"].values()) < 1e-3
-    data, model = reduced.robot.model.createData(), reduced.robot.model
-    for q, v in zip(run.q[::80], run.v[::80], strict=True):
-        assert pin.crba(model, data, q)[0] @ v == pytest.approx(6.0, abs=1e-9)

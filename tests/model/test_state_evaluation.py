@@ -48,20 +48,6 @@ def test_one_velocity_at_many_configurations_and_many_at_one():
         reduced.at(q, v2, v=reduced.at(q, v2).v)
 
 
-def test_it_stays_what_it_is():
-    """Other states in between, arrays that the caller goes on using: neither reaches an evaluation."""
-    reduced = tiago()
-    (q, v2), (p, w) = random_states(reduced, 2)
-    expected = {name: np.copy(getattr(reduced.at(q, v2), name)) for name in QUANTITIES}
-    mine, my_v2 = q.copy(), v2.copy()
-    state = reduced.at(mine, my_v2)
-    _ = state.R, state.bias
-    mine[:], my_v2[:] = p, w
-    _ = reduced.forward_dynamics(p, w, np.zeros(reduced.p)), reduced.terms(p, w), reduced.energy(p, w)
-    for name in QUANTITIES:
-        np.testing.assert_allclose(getattr(state, name), expected[name], atol=ROUNDING, err_msg=name)
-
-
 def test_a_configuration_has_no_velocity():
     position = space_robot().at(space_robot().robot.configuration({"joint_2": 1.0})).position
     assert not hasattr(position, "acceleration")

@@ -9,10 +9,9 @@ import systems
 from bodies import add_body, add_frame
 from kinds import BESIDE
 from refusals import refused
-from rnc_pin.control.regressors import UnknownRadius, WheelRegressor
 from rnc_pin.model.kinematics import Kinematics
 from row_kinds import OF_TWO_WHEELS
-from systems import CORNERS, WHEEL, random_states
+from systems import WHEEL
 from tolerances import ROUNDING
 from urdf_parts import joint, link, read
 
@@ -93,18 +92,6 @@ def test_a_wheel_rolls_about_an_axis_in_any_direction(axis, tmp_path):
         ahead /= np.linalg.norm(ahead)
         expected = [ahead @ contact, np.cross([0.0, 0.0, 1.0], ahead) @ contact, contact[2]]
         np.testing.assert_allclose(rows.jacobian(motion) @ motion.v, expected, atol=ROUNDING)
-
-
-def test_radii_of_mecanum_wheels_can_be_estimated():
-    reduced = systems.mecanum()
-    regressor = WheelRegressor(reduced, [UnknownRadius(list(CORNERS))])
-    assert regressor.predicted == tuple(f"roller({name})" for name in CORNERS)
-    model = regressor.estimated(reduced)
-    for q, v2 in random_states(reduced, 3):
-        y, Y = regressor.regress(q, reduced.at(q, v2).v)
-        np.testing.assert_allclose(WHEEL * Y[:, 0], y, atol=ROUNDING)
-        believed = model.with_parameters(np.array([WHEEL])).at(q, v2).measure()
-        np.testing.assert_allclose(believed.v, reduced.at(q, v2).v, atol=ROUNDING)
 
 
 def with_frames(robot, frames):

@@ -35,26 +35,6 @@ def drive(path, start, steps=600):
     return pose, np.abs(steering).max(), speed.min()
 
 
-@pytest.mark.parametrize(("start", "via", "goal"), [
-    ((-8, 3, 0), [], (0, 0, 0)),
-    ((0, 0, 0), [], (-5, 1, 0.2)),
-    ((0, 0, 0.4), [(6, 2, -0.3)], (12, 0, 0)),
-    ((0, 0, 0), [(4, 2.5, 0.5)], (0, 1.7, 0)),  # into the space beside it
-])  # fmt: skip
-def test_who_drives_speed_and_steering_angle_arrives_and_rests_at_each_stop(start, via, goal):
-    path = CarPath(start, goal, 20.0, WHEELBASE, max_steering=LIMIT, via=via)
-    pose, steering, speed = drive(path, start, 4000)
-    np.testing.assert_allclose(pose[:2], goal[:2], atol=1e-5)
-    assert abs(np.sin((pose[2] - goal[2]) / 2)) < 1e-5
-    assert steering <= LIMIT
-    assert (speed < -1e-9) == (goal[0] < (via[-1] if via else start)[0])
-    ends = path.times[np.flatnonzero(np.diff(path.times) == 0)]
-    assert len(ends) == len(path.legs) - 1 == len(via)
-    for t in (0.0, *ends, path.duration):
-        point = path.reference.at(t)
-        np.testing.assert_allclose([*point.velocity, point.position[1]], 0.0, atol=1e-9)
-
-
 def test_a_path_moves_and_turns_with_its_poses():
     """Nothing depends on where the world's axes are: charts belong to the poses."""
     start, goal = np.array([0.0, 0, 0.2]), np.array([6.0, 2.5, 1.1])
