@@ -5,7 +5,6 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.simulation.derived_quantities import ground_bodies
 from systems import fire_truck, free_flying_panda, space_robot
@@ -14,19 +13,6 @@ from systems import fire_truck, free_flying_panda, space_robot
 def poses(reduced, q):
     bodies, at = ground_bodies(reduced), reduced.at(q).position
     return {body.name: body.poses(at) for body in bodies}
-
-
-def test_a_run_records_what_its_outputs_say():
-    """A tractor and three trailers: position and yaw of their frames are outputs, and another code path."""
-    run = execute(Scenario.load("tractor-trailers", {"simulation.duration": 1.0, "simulation.dt": 0.01})).trajectory
-    names = run.info.outputs.x1.names
-    assert run.info.outputs.ground_poses == ("tractor", "trailer_1", "trailer_2", "trailer_3")
-    own = {name: run.ground_poses[:, 3 * k : 3 * k + 3] for k, name in enumerate(run.info.outputs.ground_poses)}
-    for body, frame in (("tractor", "tractor"), ("trailer_3", "axle_3")):
-        wanted = np.column_stack([run.x1[:, names.index(name)] for name in (f"{frame}_x", f"{frame}_y", f"{body}_yaw")])
-        np.testing.assert_allclose(own[body], wanted, atol=1e-12)
-    for body in ("trailer_1", "trailer_2"):
-        np.testing.assert_allclose(own[body][:, 2], run.x1[:, names.index(f"{body}_yaw")], atol=1e-12)
 
 
 def test_a_steered_vehicle_is_its_chassis_not_its_forks():

@@ -305,6 +305,15 @@ CONTROLS = DriveControls(frames={"tip": (True, True, False)}, joints={}, base=Dr
 GOALS = initial_goals(CONTROLS)
 
 
+def test_a_bare_robot_is_drafted_and_driven(brief):
+    run = prepared("differential_drive.urdf", [(0, {"kind": "base_goal", "x": 0.5, "y": 0.3})])
+    assert run.controls.base is not None
+    assert (run.controls.base.turns, run.controls.base.slides) == (True, False)
+    assert run.scenario.experiment.simulation.dt == 0.01
+    trajectory = drive(run, samples=500).trajectory
+    np.testing.assert_allclose(point_of(run, trajectory.q[-1], run.controls.base.frame)[:2], [0.5, 0.3], atol=0.03)
+
+
 def test_limits_that_gave_way_come_first_and_accelerations_are_counted():
     report = LimitReport(("a velocity", "b / c distance", "a acceleration"), {"b / c distance": 0.0123}, {})
     status = DriveStatus(0.0, 1.0, GOALS, report, {"tip": 0.5}, "no frame 'x'")

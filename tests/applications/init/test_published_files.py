@@ -81,6 +81,23 @@ def test_a_skid_steered_base_turns_about_its_equivalent_axle(tmp_path):
     np.testing.assert_allclose(middle, [0.3, 0.0], atol=0.01)
 
 
+def test_mecanum_wheels_move_sideways(tmp_path):
+    """The rates of the wheels are those of the textbook: +-(vx -+ vy) over the radius."""
+    content, _, path = drafted("mecanum_with_rollers", tmp_path)
+    prepared = Scenario.load(str(path), {**HURRIED, "reference.primary.minimum_jerk.by": [0.0, 0.3, 0.0]}).build()
+    trajectory, robot = execute(prepared).trajectory, prepared.experiment.reduced.robot
+    radius = entries(content, "rolling_wheel")[0]["radius"]
+    v = trajectory.v[trajectory.v.shape[0] // 2]
+    sideways = v[1]
+    names = [name for name in robot.joint_names if name in content["actuators"]]
+    rates = {name: float(v[robot.velocity_indices(name)][0]) for name in names}
+    assert abs(sideways) > 0.05
+    for name, rate in rates.items():
+        expected = (-1 if ("left" in name) == ("front" in name) else 1) * sideways / radius
+        assert rate == pytest.approx(expected, rel=1e-2)
+    assert trajectory.x2[-1][1] == pytest.approx(0.3, abs=0.02)
+
+
 def test_a_balancer_comes_upright_and_drives(tmp_path):
     content, _, path = drafted("balancer", tmp_path)
     assert (content["controller"]["type"], content["robot"]["lock"]) == ("state_feedback", {"neck": 0.0})

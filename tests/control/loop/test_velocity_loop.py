@@ -33,15 +33,21 @@ def constant(v2):
     return Memoryless(lambda *_: rnc.control.VelocityTarget(np.array(v2, dtype=float), np.zeros(len(v2))))
 
 
-def test_a_differential_drive_turns_its_wheels_by_the_textbook():
-    reduced, _ = differential_drive()
-    loop = rnc.VelocityLoop(reduced, constant([0.5, 0.8]), DT)
-    q = reduced.robot.configuration({"root_joint": [3.0, -1.0, 0.7]})
-    command = loop.step(0.0, q, np.zeros(5))
-    frames = [reduced.robot.model.frames[reduced.robot.frame_id(name)] for name in ("left_wheel", "right_wheel")]
-    joints = [reduced.robot.model.jointPlacements[frame.parentJoint].translation for frame in frames]
-    assert command.joints == pytest.approx([(0.5 - 0.8 * at[1]) / 0.1 for at in joints])
-    assert command.twist == pytest.approx((0.5, 0.0, 0.8), abs=1e-12)
+def test_a_command_is_the_admissible_motion_of_the_target():
+    reduced, target, q0 = arm_on_wheels()
+    v = reduced.at(q0, np.array([0.1, -0.2, 0.1, 0.2])).v
+    loop = rnc.VelocityLoop(reduced, target, DT, limits=False)
+    loop.step(0.0, q0, v)
+    command = loop.step(1.0, q0, v)
+    desired = target.step(1.0, reduced.at(q0, v=v).measure(np.zeros(4)), None)[0].v2
+    state = reduced.at(q0, desired)
+    assert np.abs(command.v).max() > 0.1
+    assert command.v == pytest.approx(state.v, abs=1e-12)
+    assert np.abs(state.A @ command.v).max() < 1e-12
+    assert command.twist == pytest.approx((command.v[0], command.v[1], command.v[2]), abs=1e-14)
+    assert (loop.joints, command.joints) == (("joint_1", "joint_2"), pytest.approx(command.v[3:]))
+    assert command.u == pytest.approx(state.B.T @ command.v)  # forward, yaw, two joints
+    assert command.u[:2] == pytest.approx([command.twist.forward, command.twist.yaw])
 
 
 def test_the_twist_of_another_frame_includes_its_lever():

@@ -39,6 +39,20 @@ def test_arrives_where_quadratic_costs_stall(tmp_path, controller):
         assert np.abs(run.T).max() <= 5.0 * (1 + 1e-2)
 
 
+def test_a_goal_that_is_missed_is_in_the_verdict(tmp_path):
+    run = scenario(tmp_path, {**PLANNED, "duration": 0.2, "seeds": 0}, simulation={"duration": 0.5, "dt": 0.05}).run()
+    assert (run.verdict.word, run.verdict.first.where) == ("failed", "sleigh_y")
+
+
+def test_velocities_of_a_plant_with_servos(tmp_path):
+    controller = {**PLANNED, "form": "acceleration", "velocities": True}
+    controller["bounds"] = {"velocity": {"sleigh_speed_x": [-0.5, 0.5]}}
+    run = scenario(tmp_path, controller, plant={"type": "reduced", "servo_time": 0.02}).run()
+    assert np.hypot(*run.q[-1, :2]) < 0.01
+    assert run.verdict.succeeded
+    assert np.abs(run.v2[:, 0]).max() < 0.51
+
+
 def test_a_post_between_start_and_goal_keeps_its_clearance(tmp_path):
     """The clearance of the controller is that of the verdict, as with a planner."""
     post = {"cylinder": {"name": "post", "radius": 0.1, "length": 1.0, "position": [0.0, 0.9, 0.0]}}
