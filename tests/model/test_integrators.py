@@ -12,6 +12,7 @@ from bodies import add_body
 from rnc_pin.model import integrators
 from rnc_pin.model.integrators import ExponentialCoordinates, LieRungeKutta4, LinearPart
 from rnc_pin.plants.constrained_dynamics import ConstrainedDynamics
+from simple_controllers import Inputs
 from systems import free_flying_panda, leaning_wheel, mobile_manipulator, space_robot_in_joints
 from textbook_systems import sliders
 
@@ -104,6 +105,22 @@ def test_adaptive_steps_end_at_a_pole_and_where_a_sign_would_change_for_ever(slo
     np.testing.assert_array_equal(t, times[:4])
     np.testing.assert_allclose(np.hstack([q, y]).T, moved(t), rtol=1e-6, atol=1e-12)
     assert told.value.time == pytest.approx(1.0, abs=1e-6)
+
+
+def test_free_motion_agrees_with_a_fixed_step_that_is_halved():
+    """Under constant torques: the fixed-step integrator comes closer by 2^4 each time, to what free_motion gives."""
+    reduced = mobile_manipulator()
+    q0 = reduced.robot.configuration({"joint_1": 0.4, "joint_2": 1.2})
+    v2, T, duration = np.array([0.3, -0.2, 0.5, 0.4]), np.array([2.0, 1.0, -0.5, 0.3]), 0.5
+    exact = rnc.free_motion(reduced, q0, v2, duration, dt=duration, inputs=T)
+
+    errors = []
+    for steps in (16, 32, 64):
+        run = rnc.simulate(reduced, Inputs(lambda _: T), q0, duration, duration / steps, v2_0=v2)
+        gap = pin.difference(reduced.robot.model, exact.q[-1], run.q[-1])
+        errors.append(np.linalg.norm(np.r_[gap, run.v2[-1] - exact.v2[-1]]))
+    np.testing.assert_allclose(np.log2(np.array(errors[:-1]) / errors[1:]), 4.0, atol=0.25)
+    assert exact.energy[-1] - exact.work[-1] == pytest.approx(exact.energy[0], abs=1e-10)
 
 
 def test_samples_between_steps_are_as_good_as_steps():
