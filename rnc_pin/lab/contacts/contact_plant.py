@@ -12,13 +12,7 @@ import scipy
 from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, SimulationError
 from rnc_pin.lab.contacts.friction_impulses import NO_SET, contact_impact, subsets
 from rnc_pin.lab.contacts.sliding_plant import SlidingPlant, SlidingStep
-from rnc_pin.lab.contacts.unilateral_contact import (
-    BoundContact,
-    ContactRows,
-    UnilateralContact,
-    bound_contacts,
-    radius_of_gyration,
-)
+from rnc_pin.lab.contacts.unilateral_contact import ContactRows, UnilateralContact, bound_contacts, radius_of_gyration
 from rnc_pin.math.linear_algebra import nonnegative
 from rnc_pin.model.input_validation import numbers_of, own_vector
 from rnc_pin.model.integrators import DEFAULT_TOLERANCE
@@ -28,6 +22,10 @@ from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.plants.friction import DryFriction
 from rnc_pin.plants.plant import ContactEvent, IntegrationErrors, PlantReport
 from rnc_pin.plants.reduced_plant import ReducedPlant
+
+Closed = frozenset[int]
+"""Indices of the closed contacts."""
+NONE: Closed = frozenset()
 
 
 class ContactPlant:
@@ -79,9 +77,9 @@ class ContactPlant:
         substeps: int | None = None,
         tolerance: float = DEFAULT_TOLERANCE,
     ) -> None:
-        self._contacts = bound_contacts(system, contacts)
+        self._system, self._contacts = system, bound_contacts(system, contacts)
         self.tolerance = tolerance
-        plant_of = partial(  # a lambda could not be pickled
+        self._plant_of = partial(  # a lambda could not be pickled
             ReducedPlant,
             joint_damping=joint_damping,
             actuator_limits=actuator_limits,
@@ -89,9 +87,10 @@ class ContactPlant:
             substeps=substeps,
             tolerance=tolerance,
         )
-        self._modes = ContactModes(system, self._contacts, plant_of)
+        self._plants: dict[Closed, ReducedPlant] = {}
+        """Plant with each set of closed contacts, made at its first use."""
         # Made at once: errors of the system itself come before errors of contacts.
-        self._flight = self._modes.plant(NONE)
+        self._flight = self._plant_with(NONE)
         self._rows = ContactRows(self._contacts, DryFriction(self._flight.reduced, joint_friction))
         self._sliding: SlidingPlant | None = None
         if any(each.has_limit for each in self._contacts):
@@ -267,16 +266,10 @@ class ContactPlant:
         rounding = 1e-11  # gap over the radius of gyration that rounding explains
         return Watched(lambda: contact.gap(self._plant.state.position), rate=rate, rounding=rounding * self._size)
 
-    def _least_force(self) -> float:
-        assert isinstance(self._plant, ReducedPlant)
-        return self._modes.least_force(self._closed, self._plant)
-
     def _lift_off(self) -> None:
         """Open the contact whose normal force has become zero."""
-        assert isinstance(self._plant, ReducedPlant)
-        forces = self._modes.forces(self._closed, self._plant)
         # One at a time: without the first, others may push again.
-        lost = sorted(self._closed)[int(np.argmin(forces))]
+        lost = sorted(self._closed)[int(np.argmin(self._forces(self._closed, self._plant)))]
         self._settle(self._closed - {lost}, self._closed)
         self._record("lift-off", [lost])
 
@@ -295,13 +288,13 @@ class ContactPlant:
         for closed in subsets(candidates):
             plant = self._plant
             if closed != self._closed:
-                plant = self._modes.plant(closed)
+                plant = self._plant_with(closed)
                 self._start(plant, q, v)
-            if self._modes.holds(closed, touching - closed, plant):
+            if self._holds(closed, touching - closed, plant):
                 self._past_work += self._plant.work if plant is not self._plant else 0.0
                 self._closed, self._plant = closed, plant
                 return
-        raise SimulationError(f"contacts {self._modes.names(touching)} at t = {self._time:.4f} s: {NO_SET}")
+        raise SimulationError(f"contacts {self._names(touching)} at t = {self._time:.4f} s: {NO_SET}")
 
     def _start(self, plant: ReducedPlant | SlidingPlant, q: np.ndarray, v: np.ndarray) -> None:
         """Start another plant at a state, under the present inputs."""
@@ -339,7 +332,7 @@ class ContactPlant:
         try:
             impulses, after = contact_impact(state, layout, rows, ground)
         except SimulationError as error:
-            raise error.within(f"impact of {self._modes.names(touching)} at t = {self._time:.4f} s") from None
+            raise error.within(f"impact of {self._names(touching)} at t = {self._time:.4f} s") from None
         # M belongs to the robot without contacts: the energy before and after the impact.
         loss = float(0.5 * v @ state.M @ v - 0.5 * after @ state.M @ after)
         leaves_at = 1e-8  # velocity from which a contact leaves the ground, relative to the largest velocity, plus 1
@@ -368,9 +361,59 @@ class ContactPlant:
         self, cause: str, numbers: Collection[int] = (), impulses: Mapping[str, float] | None = None, loss: float = 0.0
     ) -> None:
         closed = tuple(self._contacts[number].name for number in sorted(self.closed))
-        cause += f" of {self._modes.names(numbers)}" if numbers else ""
+        cause += f" of {self._names(numbers)}" if numbers else ""
         named = {name: each for name, each in (impulses or {}).items() if each}
         self.contact_events += (ContactEvent(self._time, cause, closed, named, loss),)
+
+    # ------------------------------------------------------------------ sets of closed contacts
+
+    def _plant_with(self, closed: Closed) -> ReducedPlant:
+        if closed not in self._plants:
+            kinds = [self._contacts[number].contact.constraint for number in sorted(closed)]
+            try:
+                # A set may hold the whole robot, as the four corners of a box do.
+                reduced = self._system.with_constraints(kinds, may_stop=True).reduce()
+            except ConstraintError as error:
+                raise error.within(f"contacts {self._names(closed)} closed") from None
+            self._plants[closed] = self._plant_of(reduced)
+        return self._plants[closed]
+
+    def _names(self, numbers: Iterable[int]) -> str:
+        """Names of contacts in a message."""
+        return ", ".join(self._contacts[number].name for number in sorted(numbers)) or "none"
+
+    def _forces(self, closed: Closed, plant: ReducedPlant | SlidingPlant) -> np.ndarray:
+        """Normal forces (c,) of the contacts that are closed in the model of a plant, in order [N].
+
+        None is below zero if they can share the load so.
+        """
+        assert isinstance(plant, ReducedPlant)
+        rows, state = plant.reduced.all_constraints.names, plant.state
+        up = [rows.index(self._contacts[number].names[0]) for number in sorted(closed)]
+        forces = state.contact_forces(plant.applied, plant.external)[up]
+        if not (forces < 0).any():
+            return forces
+        dependent = 1e-9  # singular value of the rows that counts as zero, relative to the largest
+        # Dependent rows share a load in many ways, as four legs do: another share may push only.
+        return nonnegative(forces, scipy.linalg.null_space(state.all_rows.T, rcond=dependent)[up])
+
+    def _least_force(self, closed: Closed | None = None, plant: ReducedPlant | None = None) -> float:
+        """Least normal force of closed contacts [N], with a margin for rounding; by default those that are closed."""
+        forces = self._forces(self._closed if closed is None else closed, plant or self._plant)
+        zero = 1e-9  # force that counts as zero, relative to the sum of all, plus 1 N
+        return float(forces.min(initial=np.inf) + zero * (1.0 + np.abs(forces).sum()))
+
+    def _holds(self, closed: Closed, others: Closed, plant: ReducedPlant) -> bool:
+        """True if contacts stay closed by pushing at the state of a plant, and others that touch do not come closer."""
+        if self._least_force(closed, plant) < 0.0:
+            return False
+        if not others:
+            return True
+        state = plant.state
+        v_dot = state.acceleration(plant.applied, plant.external)
+        zero = 1e-8  # acceleration of a gap that counts as zero, relative to the robot's accelerations, plus 1
+        at, limit = state.motion, zero * (1.0 + float(np.abs(v_dot).max()))
+        return all(self._contacts[number].gap_acceleration(at, v_dot) >= -limit for number in others)
 
 
 def _check_at_rest(reduced: ReducedModel) -> None:
@@ -381,102 +424,6 @@ def _check_at_rest(reduced: ReducedModel) -> None:
             "ContactPlant: with coefficients of friction, constraints of the system that move, depend on time or "
             "conserve a momentum are not supported"
         )
-
-
-# ---------------------------------------------------------------------- modes
-
-
-Closed = frozenset[int]
-"""Indices of the closed contacts."""
-NONE: Closed = frozenset()
-
-
-class ContactModes:
-    """Models of a system with each set of closed contacts, made at their first use.
-
-    Args:
-        system: system without the contacts.
-        contacts: the contacts.
-        plant_of: function from a model to its plant.
-    """
-
-    def __init__(
-        self, system: NonholonomicSystem, contacts: list[BoundContact], plant_of: Callable[[ReducedModel], ReducedPlant]
-    ) -> None:
-        self._system, self._contacts, self._plant_of = system, contacts, plant_of
-        self._plants: dict[Closed, ReducedPlant] = {}
-
-    def plant(self, closed: Closed) -> ReducedPlant:
-        """Plant with a set of closed contacts.
-
-        Args:
-            closed: indices of the closed contacts.
-
-        Raises:
-            ConstraintError: the constraints of the set cannot act together.
-        """
-        if closed not in self._plants:
-            kinds = [self._contacts[number].contact.constraint for number in sorted(closed)]
-            try:
-                # A set may hold the whole robot, as the four corners of a box do.
-                reduced = self._system.with_constraints(kinds, may_stop=True).reduce()
-            except ConstraintError as error:
-                raise error.within(f"contacts {self.names(closed)} closed") from None
-            self._plants[closed] = self._plant_of(reduced)
-        return self._plants[closed]
-
-    def names(self, numbers: Iterable[int]) -> str:
-        """Names of contacts in a message.
-
-        Args:
-            numbers: indices of the contacts.
-        """
-        return ", ".join(self._contacts[number].name for number in sorted(numbers)) or "none"
-
-    def forces(self, closed: Closed, plant: ReducedPlant) -> np.ndarray:
-        """Normal forces (c,) of the closed contacts in order [N]; none below zero if they can share the load so.
-
-        Args:
-            closed: contacts that are closed in the model of the plant.
-            plant: the plant, with its inputs.
-        """
-        rows, state = plant.reduced.all_constraints.names, plant.state
-        up = [rows.index(self._contacts[number].names[0]) for number in sorted(closed)]
-        forces = state.contact_forces(plant.applied, plant.external)[up]
-        if not (forces < 0).any():
-            return forces
-        dependent = 1e-9  # singular value of the rows that counts as zero, relative to the largest
-        # Dependent rows share a load in many ways, as four legs do: another share may push only.
-        return nonnegative(forces, scipy.linalg.null_space(state.all_rows.T, rcond=dependent)[up])
-
-    def least_force(self, closed: Closed, plant: ReducedPlant) -> float:
-        """Least normal force of the closed contacts [N], with a margin for rounding.
-
-        Args:
-            closed: contacts that are closed in the model of the plant.
-            plant: the plant, with its inputs.
-        """
-        forces = self.forces(closed, plant)
-        zero = 1e-9  # force that counts as zero, relative to the sum of all, plus 1 N
-        return float(forces.min(initial=np.inf) + zero * (1.0 + np.abs(forces).sum()))
-
-    def holds(self, closed: Closed, others: Closed, plant: ReducedPlant) -> bool:
-        """True if contacts stay closed by pushing at the state of a plant, and the others do not come closer.
-
-        Args:
-            closed: contacts that are closed in the model of the plant.
-            others: contacts without a gap that are open.
-            plant: the plant, with its inputs.
-        """
-        if self.least_force(closed, plant) < 0.0:
-            return False
-        if not others:
-            return True
-        state = plant.state
-        v_dot = state.acceleration(plant.applied, plant.external)
-        zero = 1e-8  # acceleration of a gap that counts as zero, relative to the robot's accelerations, plus 1
-        at, limit = state.motion, zero * (1.0 + float(np.abs(v_dot).max()))
-        return all(self._contacts[number].gap_acceleration(at, v_dot) >= -limit for number in others)
 
 
 class ReducedStep:
