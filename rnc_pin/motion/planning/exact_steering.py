@@ -37,7 +37,6 @@ from rnc_pin.robots.joint_values import NO_LIMIT, SingleJoint
 
 _STEEPEST = np.deg2rad(80.0)  # largest steering angle of a joint without limits
 _SHORT = 1e-12  # displacement [m or rad] that is left out
-_LAST_TURNS = {"JointModelPlanar": 1, "JointModelFreeFlyer": 3}  # velocities that turn; all of other circles and balls
 _EXACT = 1e-9  # [m or rad]; changes that rounding may cause
 _PARTS = np.array([0.0, 0.4, 1.0])  # of a motion, at which the velocities of followers are compared
 _OFFSETS = 0.3 * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])  # [lengths of the base, rad] of a motion's middle
@@ -118,11 +117,9 @@ class Steering(ABC):
         self.reduced, self.planned, self.sampled = reduced, planned, planned
         self.couplings = JointCouplings(reduced)
         self.manifold = ConfigurationManifold(reduced.robot.model)
-        self._turns = np.zeros(len(planned), dtype=bool)
+        self._turns = np.array([unit == "rad/s" for unit in reduced.robot.velocity_units])
         for joint in list(reduced.robot.model.joints)[1:]:
-            if joint.nq != joint.nv:
-                count = _LAST_TURNS.get(joint.shortname(), joint.nv)
-                self._turns[joint.idx_v + joint.nv - count : joint.idx_v + joint.nv] = True
+            self._turns[joint.idx_v : joint.idx_v + joint.nv] &= joint.nq != joint.nv
 
     @abstractmethod
     def displacements(self, start: Float[Array, " nq"], goal: Float[Array, " nq"]) -> Iterator[Float[Array, "k nv"]]:

@@ -28,7 +28,6 @@ _LIMIT = 1e-8  # distance from a limit that counts as active [rad or m]
 _REPULSION = 3.0  # weight of collisions relative to targets
 _EXTRA = 1e-3  # distance beyond the clearance that the search keeps [m]
 _TURN, _AWAY = np.pi, 1.0  # spread of random starts without limits [rad, m]
-_LINEAR = {"JointModelPlanar": 2, "JointModelTranslation": 3, "JointModelFreeFlyer": 3}  # leading velocities [m/s]
 
 
 @dataclass(frozen=True, repr=False)
@@ -245,8 +244,7 @@ class _Problem:
         """Return a random configuration: within the limits; joints without limits near q0."""
         bounds, model = self.bounds, self._reduced.robot.model
         step = generator.uniform(-_TURN, _TURN, model.nv)
-        for joint in list(model.joints)[1:]:
-            step[joint.idx_v :][: _LINEAR.get(joint.shortname(), 0)] *= _AWAY / _TURN
+        step[[unit == "m/s" for unit in self._reduced.robot.velocity_units]] *= _AWAY / _TURN
         step[bounds.held] = 0.0
         q = pin.integrate(model, q0, step)
         # Entries with limits are drawn anew, over their whole range.
