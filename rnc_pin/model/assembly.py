@@ -36,6 +36,7 @@ class Assembly:
     Attributes:
         names: names of the holonomic rows, (h,).
         size: number h of holonomic rows.
+        leading: mask (h,) of the rows that are corrected; the others depend on them, at least to a file's rounding.
     """
 
     def __init__(self, robot: Robot, blocks: Sequence[Rows], merged: Collection[str] = ()) -> None:
@@ -52,7 +53,7 @@ class Assembly:
         self.names = tuple(block.names[row] for block, rows in self._places for row in rows)
         self.size = len(self.names)
         dependent = {*merged, *self._dependent()} if self.size > 1 else set()
-        self._leading = np.array([name not in dependent for name in self.names], dtype=bool)
+        self.leading = np.array([name not in dependent for name in self.names], dtype=bool)
 
     def frozen(self, t: float) -> Assembly:
         """The same rows at time t [s].
@@ -152,8 +153,8 @@ class Assembly:
         # Joints that are held have no columns in the step: the others alone close the loop.
         for joint in hold:
             free[self.robot.velocity_indices(joint)] = False
-        found, residual = self._descended(q, free, self._leading, by_inertia, t, steps)
-        if not self._leading.all() and not self._good(residual):
+        found, residual = self._descended(q, free, self.leading, by_inertia, t, steps)
+        if not self.leading.all() and not self._good(residual):
             found, residual = self._descended(q, free, np.ones(self.size, dtype=bool), by_inertia, t, steps)
             return found, residual, bool(np.abs(residual).max() <= _GOOD)
         return found, residual, self._good(residual)
@@ -162,7 +163,7 @@ class Assembly:
         """Return True if the rows are satisfied; rows that are dependent to rounding have a larger tolerance."""
         # Rows that depend on others to the rounding of a file's numbers cannot be closer than that rounding.
         rounded = 1e-4  # [m or rad]
-        return bool((np.abs(residual) <= np.where(self._leading, _GOOD, rounded)).all())
+        return bool((np.abs(residual) <= np.where(self.leading, _GOOD, rounded)).all())
 
     def _descended(
         self, q: Array, free: Array, rows: Array, by_inertia: bool, t: float | None, steps: int
@@ -251,11 +252,6 @@ class Assembly:
         """
         none = np.zeros((0, self.robot.nv))
         return np.concatenate([none, *(block.jacobian(at)[chosen] for block, chosen in self._places)])
-
-    @property
-    def leading(self) -> Array:
-        """Mask (h,) of the rows that are corrected; the others depend on them, at least to a file's rounding."""
-        return self._leading
 
     def _step(self, at: PositionKinematics, residual: Array, free: Array, which: Array, by_inertia: bool) -> Array:
         rows = self.jacobian(at)[which][:, free]

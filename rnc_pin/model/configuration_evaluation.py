@@ -198,7 +198,7 @@ class ConfigurationEvaluation(SummaryMixin):
     @cached_property
     def R(self) -> Float[Array, "*batch nv r"]:
         """Null-space basis of A, ``v = R v2 + b``."""
-        return self.E_inverse[self._data.basis]
+        return self.E_inverse[..., self._data.m :]
 
     @filled_at_q
     def A_star(self) -> Float[Array, "*batch k r"]:
@@ -233,7 +233,7 @@ class ConfigurationEvaluation(SummaryMixin):
         if not self._data.affine:
             return np.zeros((*self.batch, self._data.n))
         # E v = [mu; v2] at v2 = 0.
-        return apply(self.E_inverse[self._data.multiplied], self.mu)
+        return apply(self.E_inverse[..., : self._data.m], self.mu)
 
     # ------------------------------------------------------------------ rows and regularity
 

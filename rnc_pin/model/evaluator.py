@@ -43,7 +43,7 @@ class _SampledState(StateEvaluation):
         ConfigurationEvaluation.__init__(self, evaluator, q)
         self._records = kernel, q, None, kinematics, inverse
         self.v2, self.E_inverse = v2, inverse["E_inverse"]
-        self.R = self.E_inverse[evaluator.data.basis]
+        self.R = self.E_inverse[..., evaluator.data.m :]
 
     def __reduce__(self) -> tuple[object, ...]:  # the record belongs to the kernel of this process
         return partial(StateEvaluation.at, self._evaluator, self.q, v=self.v), ()

@@ -89,7 +89,7 @@ def select_independent(
     short = (left > 0) & (left < ROUNDING * lengths)
     # Of unit length, so that rows in metres and in radians count alike in the rank.
     matrices = unit_rows(np.where(short[:, None], 0.0, samples))
-    exact, rough = ([_rank(matrix, limit) for matrix in matrices] for limit in (TOLERANCE, ROUNDING))
+    exact, rough = (np.linalg.matrix_rank(matrices, tol=limit) for limit in (TOLERANCE, ROUNDING))
     # Near a singular configuration, a sample has a lower rank only for the larger tolerance.
     rank = max(rough)
     if min(exact) < rank:
@@ -214,14 +214,10 @@ def _check_consistent(
             )
 
 
-def _rank(matrix: np.ndarray, tolerance: float) -> int:
-    return int((np.linalg.svd(matrix, compute_uv=False) > tolerance).sum())
-
-
 def _greedy(matrix: np.ndarray, rank: int, tolerance: float) -> list[int]:
     kept: list[int] = []
     for row in range(len(matrix)):
-        if len(kept) < rank and _rank(matrix[[*kept, row]], tolerance) == len(kept) + 1:
+        if len(kept) < rank and np.linalg.matrix_rank(matrix[[*kept, row]], tol=tolerance) > len(kept):
             kept.append(row)
     return kept
 

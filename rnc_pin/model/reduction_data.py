@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from types import EllipsisType
 
 import numpy as np
 
@@ -84,16 +83,6 @@ class ReductionData:
     def turning(self) -> bool:
         """True if configurations need the time."""
         return self.rows.turning and self.rheonomic
-
-    @cached_property
-    def basis(self) -> tuple[EllipsisType, slice]:
-        """Index of the columns of E^-1 that form R."""
-        return ..., slice(self.m, None)
-
-    @cached_property
-    def multiplied(self) -> tuple[EllipsisType, slice]:
-        """Index of the columns of E^-1 that belong to the multipliers."""
-        return ..., slice(None, self.m)
 
     @cached_property
     def template(self) -> np.ndarray:

@@ -224,7 +224,7 @@ class StateEvaluation(ConfigurationEvaluation):
             return np.zeros_like(self.b)
         # The derivative of E b = [mu; 0], solved for bdot.
         mu_dot = np.take_along_axis(data.rows.rate_dot(self.motion), self.kept_rows, axis=-1)
-        return apply(self.E_inverse[data.multiplied], mu_dot) - apply(self.E_inverse, apply(self.E_dot, self.b))
+        return apply(self.E_inverse[..., : data.m], mu_dot) - apply(self.E_inverse, apply(self.E_dot, self.b))
 
     def _summary(self) -> ObjectSummary:
         title, lines = super()._summary()
@@ -490,7 +490,7 @@ class StateEvaluation(ConfigurationEvaluation):
     def _multipliers(self, force: Array, v2_dot: Array) -> Array:
         # The remaining force is A^T lambda + J2^T 0 = E^T [lambda; 0].
         left = force - self.bias - apply(self.M, self.v_dot(v2_dot))
-        return apply_transposed(self.E_inverse[self._data.multiplied], left)
+        return apply_transposed(self.E_inverse[..., : self._data.m], left)
 
     def constraint_forces(self, T: ArrayInput, external: Array | None = None) -> Float[Array, "*batch nv"]:
         """Generalized forces ``-A^T lambda`` of all constraints on the robot; arguments as of ``contact_forces``.
