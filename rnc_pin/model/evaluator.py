@@ -2,8 +2,9 @@
 
 The kernel evaluates one state or a loop of states into records. It declines if a row is undefined, E is singular, or
 other constraint rows have to be considered. ``evaluator_for`` compares it with the formulas when a reduction is made.
-Only the function that has a formula sees that the kernel declined: here for evaluations, in ``integrators`` for steps,
-in ``analysis.derivatives`` for derivatives, and in ``motion.planning.action_models`` for planned steps.
+Only the function that has a formula sees that the kernel declined: here and in ``reduced_model`` for evaluations, in
+``integrators`` for steps, in ``analysis.derivatives`` for derivatives, and in ``motion.planning.action_models`` for
+planned steps.
 """
 
 from __future__ import annotations
