@@ -23,6 +23,7 @@ from rnc_pin.analysis.derivatives import StateDerivatives, state_derivatives
 from rnc_pin.analysis.lie_brackets import frame_bracket
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import ConstraintError, InputError, ModelError, SingularityError, place_of
+from rnc_pin.math.linear_algebra import null_space
 from rnc_pin.model.input_validation import admit_numbers, vector
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
@@ -302,7 +303,7 @@ class _Search:
         force_x = np.hstack([force_q, scale * (H @ derivatives.v2_dot_v2[:, self._open])])
         # Inputs balance as much as they can; q balances the rest and satisfies the holonomic rows.
         influence = scale * (H @ derivatives.v2_dot_T)
-        unreached = scipy.linalg.null_space(influence.T, rcond=_UNACTUATED) if reduced.p else np.eye(reduced.r)
+        unreached = null_space(influence.T, _UNACTUATED)
         rows, gap = unreached.T @ force_x, unreached.T @ here.force
         closing = reduced.assembly.jacobian(self._kinematics.position(here.q))[reduced.assembly.leading]
         closing = np.pad(closing, ((0, 0), (0, int(self._open.sum()))))
@@ -311,17 +312,11 @@ class _Search:
             # A steady motion may drift along symmetries: only its shape has to rest.
             rows = np.vstack([rows, self._shape_gradient(here, derivatives)])
             gap = np.concatenate([gap, here.shape_rates])
-        size = len(self._free)
         rows = rows[:, self._free]
-        step = np.zeros(size)
-        if len(rows):
-            # The least change: the equilibrium nearest to the guess.
-            step[self._free] = np.linalg.lstsq(rows, -gap, rcond=_DEPENDENT)[0]
-            kernel = scipy.linalg.null_space(rows, rcond=_DEPENDENT)
-        else:
-            kernel = np.eye(int(self._free.sum()))
-        basis = np.zeros((size, kernel.shape[1]))
-        basis[self._free] = kernel
+        kernel = null_space(rows, _DEPENDENT)
+        step, basis = np.zeros(len(self._free)), np.zeros((len(self._free), kernel.shape[1]))
+        # The least change: the equilibrium nearest to the guess.
+        step[self._free], basis[self._free] = np.linalg.lstsq(rows, -gap, rcond=_DEPENDENT)[0], kernel
         return step, basis
 
     def _shape_gradient(self, here: _Point, derivatives: StateDerivatives) -> Array:

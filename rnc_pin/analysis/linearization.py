@@ -23,6 +23,7 @@ from rnc_pin.errors import (
     check_extra,
     place_of,
 )
+from rnc_pin.math.linear_algebra import null_space
 from rnc_pin.model.independence import ROUNDING
 from rnc_pin.model.input_validation import admit_numbers
 from rnc_pin.model.kinematics import Kinematics
@@ -246,8 +247,7 @@ def _restricted(
     r = reduced.r
     rows = reduced.at(q).A[list(reduced.constraints.holonomic)]
     # Deviations that violate holonomic rows do not occur: they must not count as dependence.
-    free = scipy.linalg.null_space(rows) if len(rows) else np.eye(reduced.n)
-    admissible = scipy.linalg.block_diag(free, np.eye(r))
+    admissible = scipy.linalg.block_diag(null_space(rows), np.eye(r))
     C = scipy.linalg.block_diag(J, np.eye(r)[kept])
     C_dot = scipy.linalg.block_diag(J_dot, np.zeros((len(kept), r)))
     seen, moved = C @ admissible, (C @ A + C_dot) @ admissible

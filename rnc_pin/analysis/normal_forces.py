@@ -10,11 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-import scipy
 
 from rnc_pin.array_shapes import Array, Float, Int
 from rnc_pin.errors import ConfigurationError, SingularityError
-from rnc_pin.math.linear_algebra import nonnegative
+from rnc_pin.math.linear_algebra import nonnegative, null_space
 from rnc_pin.model.cached_property import once_per_model
 from rnc_pin.model.generalized_forces import PassiveForce
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics, VelocityKinematics
@@ -361,7 +360,7 @@ class NormalForces:
         pushing = contact_forces[..., up]
         for i in np.argwhere((pushing < 0).any(axis=-1)):
             index = tuple(i)
-            pushing[index] = nonnegative(pushing[index], scipy.linalg.null_space(rows[index].T, rcond=_SMALL)[up])
+            pushing[index] = nonnegative(pushing[index], null_space(rows[index].T, _SMALL)[up])
         return pushing
 
     def plane_effects(self, lines: ContactLines) -> tuple[Float[Array, "N 3 c"], Float[Array, "N 3 u"]]:
@@ -463,7 +462,7 @@ def balanced(
     found = found + np.matvec(free @ np.linalg.pinv(moments @ free, rcond=_SMALL), left)
     forces: Array = found[:, :count]
     for i in np.flatnonzero((forces < 0).any(axis=1)):
-        forces[i] = nonnegative(forces[i], scipy.linalg.null_space(everything[i], rcond=_SMALL)[:count])
+        forces[i] = nonnegative(forces[i], null_space(everything[i], _SMALL)[:count])
     return forces
 
 

@@ -21,7 +21,7 @@ from rnc_pin.control.controller import (
     describe,
 )
 from rnc_pin.errors import ConfigurationError, DivergenceError, InputError
-from rnc_pin.math.linear_algebra import apply, apply_transposed
+from rnc_pin.math.linear_algebra import apply, apply_transposed, null_space
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.coordinates import arc_chord
 from rnc_pin.model.evaluation_results import Measurement
@@ -430,10 +430,7 @@ class WheelOdometry(ReprMixin):
 
     def _unknown(self, rows: Array, to_base: Array) -> float:
         """Largest part of the twist in a motion that the measured joints do not show."""
-        columns = self._columns(rows, to_base)
-        _, values, directions = np.linalg.svd(columns)
-        rank = int((values > _ODOMETRY_RANK * values[0]).sum()) if len(values) else 0
-        return float(np.abs(directions[rank:, :3]).max(initial=0.0))
+        return float(np.abs(null_space(self._columns(rows, to_base), _ODOMETRY_RANK)[:3]).max(initial=0.0))
 
 
 def composed(pose: Array, increment: Array) -> Array:

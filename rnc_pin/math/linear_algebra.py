@@ -181,18 +181,19 @@ def vector_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.array(cross(a.tolist(), b.tolist())) if a.ndim == b.ndim == 1 else np.cross(a, b)
 
 
-def null_space(matrix: np.ndarray) -> np.ndarray:
-    """Orthonormal basis (n, n - rank) of the null space of (m, n).
+def null_space(matrix: np.ndarray, tolerance: float | None = None) -> np.ndarray:
+    """Orthonormal basis (n, n - rank) of the null space of (m, n), which may have no rows.
 
     Args:
         matrix: (m, n).
+        tolerance: singular value that counts as zero, relative to the largest; rounding by default.
     """
     if not len(matrix):
         return np.eye(matrix.shape[1])
     _, values, right = np.linalg.svd(matrix)
     # The limit of numpy.linalg.matrix_rank: a smaller singular value is rounding of the matrix's entries.
-    limit = np.finfo(float).eps * max(matrix.shape) * values.max(initial=0.0)
-    return right[int((values > limit).sum()) :].T
+    share = np.finfo(float).eps * max(matrix.shape) if tolerance is None else tolerance
+    return right[int((values > share * values.max(initial=0.0)).sum()) :].T
 
 
 def pivot_columns(matrix: np.ndarray, count: int) -> tuple[list[int], np.ndarray]:

@@ -225,7 +225,7 @@ class RigidImpulses(FrictionImpulses):
         # Rows of several contacts can be dependent: the shortest impulses of all that stop them.
         own = np.linalg.lstsq(G, -self._b[rows], rcond=dependent)[0]
         if (own[up] < 0.0).any():
-            null = scipy.linalg.null_space(G, rcond=dependent)
+            null = null_space(G, dependent)
             shared = nonnegative(own[up], null[up])
             own = own + null @ np.linalg.lstsq(null[up], shared - own[up], rcond=None)[0]
         p[rows] = own

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-import scipy
 
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import DivergenceError
@@ -29,6 +28,7 @@ from rnc_pin.lab.mujoco.contact_bodies import (
 )
 from rnc_pin.lab.mujoco.ground import Ground, add_ground
 from rnc_pin.lab.mujoco.joint_coordinates import RobotCoordinates
+from rnc_pin.math.linear_algebra import null_space
 from rnc_pin.model.input_validation import own_vector
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
@@ -363,7 +363,7 @@ class ActuatorMapping:
         at = self._kinematics.position(q)
         rows = self._rows.jacobian(at)
         # Only the effect on admissible motion counts: the rest of a force is carried by the constraints.
-        basis = scipy.linalg.null_space(rows, rcond=_RANK_TOLERANCE).T if len(rows) else np.eye(self._robot.nv)
+        basis = null_space(rows, _RANK_TOLERANCE).T
         pin.computeJointJacobians(self._robot.model, self._data, q)
         forces = np.zeros((self._robot.nv, len(self._drives)))
         for drive in used:
