@@ -21,26 +21,30 @@ from rnc_pin.errors import InputError
 Json: TypeAlias = "bool | int | float | str | Sequence[Json] | Mapping[str, Json] | None"
 
 
-def to_json(content: object, what: str) -> Json:
+def to_json(content: object, what: str, finite: bool = False) -> Json:
     """Return a deep copy of JSON values, with mappings and dataclasses as dicts, sequences and arrays as lists.
 
     Args:
         content: value to copy.
         what: its name in errors.
+        finite: True to return None for infinities and NaN.
 
     Raises:
         InputError: a value has no JSON representation.
     """
     if hasattr(content, "tolist"):  # an array or a number of NumPy
         content = content.tolist()
+    # JSON has no infinity; readers in other languages reject the names that Python's json writes.
+    if finite and isinstance(content, float) and not math.isfinite(content):
+        return None
     if content is None or isinstance(content, bool | int | float | str):
         return content
-    if isinstance(content, Mapping):
-        return {str(key): to_json(value, f"{what}.{key}") for key, value in content.items()}
     if is_dataclass(content) and not isinstance(content, type):
-        return {each.name: to_json(getattr(content, each.name), f"{what}.{each.name}") for each in fields(content)}
+        content = {each.name: getattr(content, each.name) for each in fields(content)}
+    if isinstance(content, Mapping):
+        return {str(key): to_json(value, f"{what}.{key}", finite) for key, value in content.items()}
     if isinstance(content, list | tuple):
-        return [to_json(value, f"{what}[{place}]") for place, value in enumerate(content)]
+        return [to_json(value, f"{what}[{place}]", finite) for place, value in enumerate(content)]
     raise InputError(f"{what}: is of type {type(content).__name__}, expected numbers, text, lists and mappings")
 
 
@@ -60,18 +64,7 @@ def dump_json(content: object) -> str:
     Args:
         content: values that JSON can represent, such as ``to_json`` returns.
     """
-    return json.dumps(_finite(content), indent=2, allow_nan=False)
-
-
-def _finite(content: object) -> object:
-    if isinstance(content, float):
-        # JSON has no infinity; readers in other languages reject the names that Python's json writes.
-        return content if math.isfinite(content) else None
-    if isinstance(content, Mapping):
-        return {key: _finite(value) for key, value in content.items()}
-    if isinstance(content, list | tuple):
-        return [_finite(value) for value in content]
-    return content
+    return json.dumps(to_json(content, "content", finite=True), indent=2, allow_nan=False)
 
 
 TEMPORARY_PREFIX = ".rnc_pin_"
