@@ -13,7 +13,7 @@ from rnc_pin import collision
 from rnc_pin.control.controller import LimitedAcceleration
 from rnc_pin.errors import InputError
 from rnc_pin.printing import printed
-from rnc_pin.robots.joint_values import NO_LIMIT
+from rnc_pin.robots.joint_values import NO_LIMIT, known_velocity_limits, limited_positions
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation.run_data import RunData
 
@@ -322,22 +322,16 @@ class _Limited(NamedTuple):
 
 
 def _positions(robot: Robot, run: RunData) -> Iterator[_Limited]:
-    model = robot.model
-    for name, joint in zip(robot.joint_names, list(model.joints)[1:], strict=True):
-        if joint.nq != joint.nv:
-            continue  # coordinates on a circle or a sphere, or those of a base
-        for k in range(joint.idx_q, joint.idx_q + joint.nq):
-            low, high = float(model.lowerPositionLimit[k]), float(model.upperPositionLimit[k])
-            # Equal limits are those of a file that states none: no joint of a model is locked by them.
-            if -NO_LIMIT < low < high < NO_LIMIT:
-                yield _Limited("position", name, run.q[:, k], low, high, high - low)
+    names = robot.velocity_names
+    for q, v, low, high in zip(*limited_positions(robot, None), strict=True):
+        yield _Limited("position", names[v], run.q[:, q], float(low), float(high), float(high - low))
 
 
 def _rates(robot: Robot, run: RunData) -> Iterator[_Limited]:
-    for k, (name, limit) in enumerate(zip(robot.velocity_names, robot.model.upperVelocityLimit.tolist(), strict=True)):
-        # A velocity limit of zero is a placeholder: a joint that cannot move would be fixed.
-        if 0 < limit < NO_LIMIT:
-            yield _Limited("velocity", name, run.v[:, k], -limit, limit, limit)
+    limits = known_velocity_limits(robot.model).tolist()
+    for name, limit, values in zip(robot.velocity_names, limits, run.v.T, strict=True):
+        if limit < np.inf:
+            yield _Limited("velocity", name, values, -limit, limit, limit)
 
 
 def _efforts(robot: Robot, run: RunData, others: Mapping[str, float]) -> Iterator[_Limited]:
