@@ -21,7 +21,7 @@ from rnc_pin.control.estimation import EstimatedModel, ParametrizedCopy
 from rnc_pin.errors import ConfigurationError, ModelError, SingularityError, place_of
 from rnc_pin.math.linear_algebra import cross, dot
 from rnc_pin.model.input_validation import Positive
-from rnc_pin.model.kinematics import WORLD_AXES
+from rnc_pin.model.kinematics import WORLD_AXES, Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.rows import RowStack
 from rnc_pin.model.system import NonholonomicSystem
@@ -298,11 +298,12 @@ def _axles(robot: Robot, column: int, first: str, second: str) -> dict[str, _Axl
     pair = f"unknown track: wheels '{first}' and '{second}'"
     if joints[0] == joints[1] or carriers[0] != carriers[1]:
         raise ConfigurationError(f"{pair} do not turn on joints of their own on one body: they have no fixed track")
-    centres, offsets = [], []
+    centres, offsets, position = [], [], Kinematics(robot).position(robot.configuration())
     for wheel, frame, joint in zip((first, second), frames, joints, strict=True):
         offset = model.jointPlacements[joint].rotation @ frame.placement.translation
         # A centre beside the axis of its joint moves as the wheel turns: the axle has no fixed length.
-        if not _turns_about(robot, joint, frame.placement.translation):
+        moved = position.jacobian(robot.frame_id(wheel))[:3, model.joints[joint].idx_v]
+        if model.joints[joint].nv != 1 or np.linalg.norm(moved) >= 1e-9:
             raise ConfigurationError(f"{pair} have no fixed track: frame '{wheel}' is not on the axis of its joint")
         centres.append(model.jointPlacements[joint].translation + offset)
         offsets.append(offset)
@@ -315,17 +316,6 @@ def _axles(robot: Robot, column: int, first: str, second: str) -> dict[str, _Axl
         wheel: _Axle(column, joint, carriers[0], middle, sign * half, offset)
         for wheel, joint, sign, offset in zip((first, second), joints, (1.0, -1.0), offsets, strict=True)
     }
-
-
-def _turns_about(robot: Robot, joint: int, point: np.ndarray) -> bool:
-    """True if a point of a body, in the axes of its joint, is on the axis of the joint."""
-    model = robot.model
-    if model.joints[joint].nv != 1:
-        return False
-    data = model.createData()
-    pin.computeJointJacobians(model, data, pin.neutral(model))
-    column = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL)[:, model.joints[joint].idx_v]
-    return bool(np.linalg.norm(column[:3] + np.cross(column[3:], point)) < 1e-9)
 
 
 @dataclass(frozen=True)
