@@ -119,33 +119,28 @@ def _contact(place: Place, acting: Array) -> Contact | None:
 @once_per_model
 def _carriers(reduced: ReducedModel) -> tuple[tuple[Contact, ...], Array]:
     """Contacts that carry, and a mask: True where a constraint row keeps the height."""
-    model, data, found = reduced.robot.model, reduced.robot.model.createData(), contacts_of(reduced)
-    random = reduced.robot.random_configuration(np.random.default_rng(0))
+    robot, model, found = reduced.robot, reduced.robot.model, contacts_of(reduced)
+    random = Kinematics(robot).position(robot.random_configuration(np.random.default_rng(0)))
     sizes = np.zeros(reduced.all_constraints.size)
     for position in _defined(reduced):
         # Over some configurations: the height row of a wheel may vanish at one by chance.
         sizes = np.fmax(sizes, np.abs(reduced.all_constraints.jacobian(position)).max(axis=1, initial=0.0))
     carrying = [each.up is not None and bool(sizes[each.up] > _SMALL) for each in found]
     down = bool(found) and float(model.gravity.linear[2]) < 0
-    planar = down and _moves_along(model, data, random, 0) and _moves_along(model, data, random, 1)
+    heavy = [joint for joint in range(1, model.njoints) if model.inertias[joint].mass > 0]
     # A base that can rise has rows that keep the heights: only a planar base leaves the forces to the balances.
-    planar = planar and not _moves_along(model, data, random, 2)
+    planar = down and [_moves_along(random, heavy, axis) for axis in range(3)] == [True, True, False]
     kept = [(each, carries) for each, carries in zip(found, carrying, strict=True) if down and (carries or planar)]
     carried_by_row = np.array([carries for _, carries in kept], dtype=bool)
     carried_by_row.setflags(write=False)
     return tuple(each for each, _ in kept), carried_by_row
 
 
-def _moves_along(model: pin.Model, data: pin.Data, q: Array, axis: int) -> bool:
-    """True if the whole robot can translate along a world axis, constraints ignored."""
-    pin.computeJointJacobians(model, data, q)
-    frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-    heavy = [joint for joint in range(1, model.njoints) if model.inertias[joint].mass > 0]
-    jacobians = [pin.getJointJacobian(model, data, joint, frame) for joint in heavy]
+def _moves_along(position: PositionKinematics, heavy: Sequence[int], axis: int) -> bool:
+    """True if all bodies with a mass can translate together along a world axis, constraints ignored."""
     if not heavy:
         return False
-    stack = np.vstack([each.reshape(6, model.nv) for each in jacobians])  # one degree of freedom comes flat
-    wanted = np.tile(np.eye(6)[axis], len(heavy))
+    stack, wanted = np.vstack([position.joint_jacobian(joint) for joint in heavy]), np.tile(np.eye(6)[axis], len(heavy))
     left = wanted - stack @ np.linalg.lstsq(stack, wanted, rcond=_SMALL)[0]
     return bool(np.abs(left).max() < _SMALL)
 

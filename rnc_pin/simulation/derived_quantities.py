@@ -345,8 +345,7 @@ def ground_bodies(reduced: ReducedModel) -> tuple[GroundBody, ...]:
         reduced: the model.
     """
     robot = reduced.robot
-    model, data, neutral = robot.model, robot.model.createData(), robot.configuration()
-    pin.computeJointJacobians(model, data, neutral)
+    model, neutral = robot.model, robot.configuration()
     here = Kinematics(robot).position(neutral)
     # Two configurations tell what is fixed in a body: the points and axles that both of them show.
     turned = pin.integrate(model, neutral, np.random.default_rng(0).uniform(-0.4, 0.4, robot.nv))
@@ -362,7 +361,7 @@ def ground_bodies(reduced: ReducedModel) -> tuple[GroundBody, ...]:
         # Both or none: a wheel that lies flat at one of them has no point to compare.
         contacts = [_contact(mechanism, robot, position) for position in (here, there)]
         if contacts[0] is not None and contacts[1] is not None:
-            joint = _carrier(model, data, contacts[0])
+            joint = _carrier(model, here, contacts[0])
             found.setdefault(joint, []).append((contacts[0], contacts[1]))
     return tuple(_body(robot, joint, found[joint], here, there) for joint in sorted(found))
 
@@ -390,39 +389,32 @@ def _contact(contact: GroundContact, robot: Robot, at: PositionKinematics) -> _C
     return _Contact(joint, point, lateral, beside) if abs(lateral[2]) < _UPRIGHT else None
 
 
-def _carrier(model: pin.Model, data: pin.Data, contact: _Contact) -> int:
+def _carrier(model: pin.Model, here: PositionKinematics, contact: _Contact) -> int:
     """Joint of the vehicle body above a wheel, its fork and its steering."""
     joint = contact.joint
     # Where the parent cannot turn, the wheel itself is the body: a disk that rolls alone.
-    while _is_wheel_or_steering(model, data, joint, contact) and _turns(model, data, model.parents[joint]):
+    while _is_wheel_or_steering(model, here, joint, contact) and _turns(here, model.parents[joint]):
         joint = model.parents[joint]
     return joint
 
 
-def _is_wheel_or_steering(model: pin.Model, data: pin.Data, joint: int, contact: _Contact) -> bool:
+def _is_wheel_or_steering(model: pin.Model, here: PositionKinematics, joint: int, contact: _Contact) -> bool:
     kind = model.joints[joint]
     if kind.nv != 1:
         return "Spherical" in kind.shortname()
-    column = _jacobian(model, data, joint)[:, kind.idx_v]
-    axis = column[3:]
+    axis = here.joint_jacobian(joint)[3:, kind.idx_v]
     # A sliding joint, such as that of a lift, neither rolls nor steers.
     if np.linalg.norm(axis) < _UPRIGHT:  # prismatic
         return False
-    away = (contact.point - data.oMi[joint].translation)[:2]
+    away = (contact.point - here.joint_placement(joint).translation)[:2]
     # A level axis is that of a wheel. An upright one near the contact steers; one farther away is the hitch of a
     # trailer.
     return abs(axis[2]) < _UPRIGHT or float(np.linalg.norm(away)) <= contact.beside
 
 
-def _turns(model: pin.Model, data: pin.Data, joint: int) -> bool:
+def _turns(here: PositionKinematics, joint: int) -> bool:
     """True if a body can rotate about the vertical."""
-    return joint > 0 and float(np.abs(_jacobian(model, data, joint)[5]).max()) > _UPRIGHT
-
-
-def _jacobian(model: pin.Model, data: pin.Data, joint: int) -> np.ndarray:
-    """Joint Jacobian (6, nv). Pinocchio returns (6,) for one degree of freedom."""
-    jacobian = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
-    return np.asarray(jacobian).reshape(6, model.nv)
+    return joint > 0 and float(np.abs(here.joint_jacobian(joint)[5]).max()) > _UPRIGHT
 
 
 def _body(
