@@ -6,7 +6,6 @@ from math import atan, atan2, cos, hypot, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import ConfigurationError, SingularityError, place_of
@@ -210,15 +209,14 @@ def _places(names: tuple[str, ...], wanted: list[str]) -> Array:
 def _drawbar(reduced: ReducedModel, output: int, tractor: str, kingpin: str, axle: str) -> tuple[float, float]:
     """Distance from kingpin to axle [m], and trailer's yaw minus the direction from axle to kingpin [rad]."""
     robot, generator = reduced.robot, np.random.default_rng(0)
-    data, frames = robot.model.createData(), [robot.frame_id(frame) for frame in (tractor, kingpin, axle)]
-    found = []
+    frames, found = [robot.frame_id(frame) for frame in (tractor, kingpin, axle)], []
     # Three configurations: a length that changes with the joints is no drawbar.
     for q in (robot.configuration(), *(robot.random_configuration(generator, spread=0.5) for _ in range(2))):
-        pin.framesForwardKinematics(robot.model, data, q)
-        front, rear = (data.oMf[frame].translation[:2].copy() for frame in frames[1:])
-        yaw = reduced.at(q).outputs()[0][output] - atan2(*(front - rear)[::-1])
-        on_tractor = data.oMf[frames[0]].actInv(data.oMf[frames[1]]).translation
-        found.append((hypot(*(front - rear)), wrapped(yaw), *on_tractor))
+        here = reduced.at(q)
+        (turned, origin), (_, front), (_, rear) = (here.position.placement(frame) for frame in frames)
+        bar = (front - rear)[:2]
+        yaw = here.outputs()[0][output] - atan2(*bar[::-1])
+        found.append((hypot(*bar), wrapped(yaw), *turned.T @ (front - origin)))
     (length, offset, *place), change = found[0], np.ptp(found, axis=0)
     if change[:2].max() > 1e-9 or length < 1e-6:
         raise ConfigurationError(

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import pinocchio as pin
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -16,6 +15,7 @@ from rnc_pin.figures import style as st
 from rnc_pin.figures.panel import MAX_LINES
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import LimitReplay, Trajectory, compared_paths, run_name
+from rnc_pin.visualization.elements import SceneKinematics
 from rnc_pin.visualization.scene_bodies import hull_from_above, outline, surface_points
 
 _ROBOT, _ROBOT_EDGE = "0.55", "0.3"  # the same of the robot
@@ -97,10 +97,9 @@ def footprints(robot: Robot, q: np.ndarray) -> list[np.ndarray]:
     source = robot.collision_model
     if source is None:
         return []
-    data, placed = robot.model.createData(), source.createData()
-    pin.updateGeometryPlacements(robot.model, data, source, placed, q)
-    parts: dict[int, list[np.ndarray]] = {}
-    for shape, pose in zip(source.geometryObjects, placed.oMg, strict=True):
+    kinematics, parts = SceneKinematics(robot), dict[int, list[np.ndarray]]()
+    for shape in source.geometryObjects:
+        pose = kinematics.shape_placement(shape, q)
         points = surface_points(shape.geometry) @ pose.rotation.T + pose.translation
         # One hull for each joint: links that are fixed to each other are one part.
         parts.setdefault(int(shape.parentJoint), []).append(points)

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Literal, NamedTuple, Unpack
 
 import numpy as np
-import pinocchio as pin
 
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.actuator_velocity import ActuatorVelocityController, driven_joints, velocity_from_actuators
@@ -14,6 +13,7 @@ from rnc_pin.control.controller import Controller, KinematicController
 from rnc_pin.control.loop.control_loop import ControlLoop
 from rnc_pin.control.loop.options import GuardOptions, LoopOptions, admit_controller, admit_model
 from rnc_pin.errors import ConfigurationError, check_known, nearest
+from rnc_pin.model.kinematics import OWN_AXES, Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import printed
 
@@ -130,7 +130,7 @@ class VelocityLoop(VelocityInputLoop):
         robot = reduced.robot
         self._base = None if base is None else robot.frame_id(base)
         self._base_entries = _BASES.get(robot.model.joints[1].shortname()) if robot.model.njoints > 1 else None
-        self._kinematics = robot.model.createData()
+        self._kinematics = Kinematics(robot)
         self.joints = driven_joints(reduced) if joints is None else tuple(joints)
         self._entries = np.array([_entry(reduced, name) for name in self.joints], dtype=int)
 
@@ -181,13 +181,11 @@ class VelocityLoop(VelocityInputLoop):
         if self._base is None:
             # The joint of the base has its twist as velocity; only other frames have a lever.
             return None if self._base_entries is None else BaseTwist(*v[list(self._base_entries)].tolist())
-        q, model, data = self.state.q, self.reduced.robot.model, self._kinematics
         # Before a valid measurement the command is zero, and so is the twist of any frame.
-        if q is None:
+        if self.state.q is None:
             return BaseTwist(0.0, 0.0, 0.0)
-        pin.forwardKinematics(model, data, q, v)
-        twist = pin.getFrameVelocity(model, data, self._base, pin.ReferenceFrame.LOCAL)
-        return BaseTwist(float(twist.linear[0]), float(twist.linear[1]), float(twist.angular[2]))
+        velocity = self._kinematics.position(self.state.q).jacobian(self._base, OWN_AXES) @ v
+        return BaseTwist(*velocity[[0, 1, 5]].tolist())
 
 
 def _entry(reduced: ReducedModel, name: str) -> int:
