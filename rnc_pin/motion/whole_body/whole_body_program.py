@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from typing import NamedTuple, Protocol, runtime_checkable
 
@@ -11,7 +12,7 @@ import numpy as np
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.controller import Description, LimitedAcceleration, MissedGoal, State, nested
 from rnc_pin.errors import InputError
-from rnc_pin.io.json import Json
+from rnc_pin.io.json import Json, to_json
 from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.motion.whole_body.limit_stack import LimitStack
@@ -65,9 +66,8 @@ class SampleCount(NamedTuple):
         if not self.samples:
             return ()
         share = self.samples / max(samples, 1)
-        message = (
-            f"{what} in {self.samples} of {samples} samples, first at t = {self.first or 0.0:.3f} s: {self.reason}"
-        )
+        first = f"first at t = {self.first or 0.0:.3f} s: {self.reason}"
+        message = f"{what} in {self.samples} of {samples} samples, {first}"
         severity = Severity.FAILS if share > fails else Severity.DEGRADES
         return (Finding(kind, where, share, "", self.first, severity, message),)
 
@@ -199,12 +199,12 @@ def _describe_item(description: object) -> Json:
         # Parts of a setting, such as obstacles, are known to the reader by their names.
         if isinstance(value, list | tuple) and any(is_dataclass(item) for item in value):
             found[each.name] = [str(getattr(item, "name", repr(item))) for item in value]
-        elif isinstance(value, np.ndarray | list | tuple):
-            found[each.name] = np.asarray(value).tolist()
-        elif value is None or isinstance(value, bool | int | float | str):
-            found[each.name] = value
+        elif is_dataclass(value):
+            found[each.name] = repr(value)
         else:
-            found[each.name] = repr(value) if is_dataclass(value) else type(value).__name__
+            found[each.name] = type(value).__name__
+            with suppress(InputError):  # numbers, text and mappings
+                found[each.name] = to_json(value, each.name)
     return found
 
 

@@ -180,9 +180,9 @@ def test_a_region_is_exceeded_by_the_distance_beyond_its_sides():
 
 def test_the_description_of_a_program_has_the_settings_of_its_tasks_and_limits():
     reduced = manipulator_in_joints()
-    region = limits.RegionLimit("base", box={"x": (-1.0, 0.5)}, gain=3.0)
-    found = VelocityQP(reduced, [tasks.DampingTask()], [region], dt=DT).describe()["limits"]
-    assert [(each["type"], each["frame"], each["gain"]) for each in found] == [("RegionLimit", "base", 3.0)]
+    given = [limits.RegionLimit("base", box={"x": (-1.0, 0.5)}, gain=3.0), limits.AccelerationLimit({"joint_1": 2.0})]
+    region, slow = VelocityQP(reduced, [tasks.DampingTask()], given, dt=DT).describe()["limits"]
+    assert (region["frame"], region["gain"], slow["limit"]) == ("base", 3.0, {"joint_1": 2.0})
 
 
 def test_hard_limits_that_a_drift_violates_are_reported_and_raise_nothing():
