@@ -17,11 +17,11 @@ from rnc_pin.applications.drive.controller import DriveController
 from rnc_pin.applications.drive.controls import DriveControls, base_frame, find_controls, find_pivots
 from rnc_pin.applications.init import DraftOptions, draft
 from rnc_pin.applications.init.assumptions import select_outputs
-from rnc_pin.applications.scenario.builder import Experiment, build_experiment, build_system
+from rnc_pin.applications.scenario.builder import Experiment, build_system
 from rnc_pin.applications.scenario.files import ROBOT_FILES, built_in_names, mapping_of, robot_names
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.scenario.schema import ScenarioFile
-from rnc_pin.applications.scenario.schema.scenario import output_of, validate
+from rnc_pin.applications.scenario.schema.scenario import output_of
 from rnc_pin.control import ActuatorVelocityController, ComputedTorque, VelocityTracker, describe
 from rnc_pin.errors import ConfigurationError, RncError, few
 from rnc_pin.io import Json, load_yaml
@@ -97,21 +97,20 @@ def prepare_drive(source: Scenario, options: Mapping[str, Json], frames: Sequenc
         ConfigurationError: a velocity program cannot drive the robot.
         RncError: the scenario is invalid.
     """
-    name, folder = source.name, source.folder
-    scenario = validate(source.raw, name)
-    if scenario.contacts:
-        raise ConfigurationError(f"{name}: contacts: a driven run has none that open and close; use 'constraints'")
-    system = build_system(scenario, folder)
-    chosen = tuple(frames) or _default_frames(scenario, system.robot)
+    if source.content.contacts:
+        raise ConfigurationError(
+            f"{source.name}: contacts: a driven run has none that open and close; use 'constraints'"
+        )
+    system = build_system(source.content, source.folder)
+    chosen = tuple(frames) or _default_frames(source.content, system.robot)
     for frame in chosen:
         system.robot.frame_id(frame)
-    config = _driven_config(source.raw, scenario, system, chosen, options)
+    config = _driven_config(source, system, chosen, options)
     return _driven(replace(source, raw=config), chosen)
 
 
 def _driven(scenario: Scenario, frames: tuple[str, ...]) -> PreparedDrive:
-    content = validate(scenario.raw, scenario.name)
-    experiment = build_experiment(content, scenario.folder)
+    experiment = scenario.experiment
     _check_drivable(scenario.name, experiment)
     reduced, settings = experiment.reduced, experiment.simulation
     joints = [name for name in reduced.reducing.names if name in reduced.robot.joint_names]
@@ -124,8 +123,7 @@ def _driven(scenario: Scenario, frames: tuple[str, ...]) -> PreparedDrive:
     vars(tracker)["target"] = controller
     provenance = replace(experiment.provenance, controller=describe(tracker))
     driven = replace(experiment, controller=tracker, provenance=provenance)
-    made = scenario.built_with(content=content, experiment=driven)
-    return PreparedDrive(made, controls, log, controller)
+    return PreparedDrive(scenario.built_with(experiment=driven), controls, log, controller)
 
 
 def _with_obstacles(
@@ -146,15 +144,12 @@ def _with_obstacles(
 
 
 def _driven_config(
-    raw: Mapping[str, Json],
-    scenario: ScenarioFile,
-    system: NonholonomicSystem,
-    frames: Sequence[str],
-    options: Mapping[str, Json],
+    source: Scenario, system: NonholonomicSystem, frames: Sequence[str], options: Mapping[str, Json]
 ) -> dict[str, Json]:
     """Return the scenario with outputs that are never dependent, and with a velocity program."""
+    raw = source.raw
     config = {key: value for key, value in raw.items() if key not in _REPLACED}
-    reducing, q0 = _reducing(raw, scenario, system)
+    reducing, q0 = _reducing(source, system)
     config["outputs"] = {
         "reducing": list(reducing),
         "vertical": [{"frame_position": {"frame": frame}} for frame in frames],
@@ -210,31 +205,30 @@ def _accelerations(reduced: ReducedModel, q0: np.ndarray) -> list[Json]:
     return [float(f"{max(each, _SLOWEST):.3g}") for each in found]
 
 
-def _reducing(
-    raw: Mapping[str, Json], scenario: ScenarioFile, system: NonholonomicSystem
-) -> tuple[list[dict[str, Json]], np.ndarray]:
+def _reducing(source: Scenario, system: NonholonomicSystem) -> tuple[list[dict[str, Json]], np.ndarray]:
     """Independent outputs, and the start. Joints come first if pivots are aimed: speeds of the base may vanish."""
-    robot, q0 = system.robot, system.robot.configuration(scenario.initial.q)
+    robot, given = system.robot, source.content.initial.q
+    q0 = robot.configuration(given)
     if system.assembly.size:
-        q0 = system.assembled(q0, list(scenario.initial.q))
+        q0 = system.assembled(q0, list(given))
     base = base_frame(robot, [])
     aimed = base is not None and bool(find_pivots(system.reduce(), q0, base)[0])
-    chosen = select_outputs(_output_candidates(raw, scenario, robot, aimed), system, q0)
+    chosen = select_outputs(_output_candidates(source, robot, aimed), system, q0)
     return [dict(entry) for entry in chosen.entries], q0
 
 
 def _output_candidates(
-    raw: Mapping[str, Json], scenario: ScenarioFile, robot: Robot, joints_first: bool
+    source: Scenario, robot: Robot, joints_first: bool
 ) -> Iterator[tuple[Mapping[str, Json], float]]:
     """Yield output entries by preference: speeds and joints of the scenario, the base, joints, then all others."""
-    given = mapping_of(raw.get("outputs")).get("reducing")
+    given = mapping_of(source.raw.get("outputs")).get("reducing")
     entries = [each for each in given if isinstance(each, Mapping)] if isinstance(given, list) else []
     # First what is independent everywhere: a drive ends where its outputs become dependent.
     told = [entry for entry in entries if next(iter(entry)) in _ALWAYS_REGULAR]
     base = base_frame(robot, [])
     if base is not None:
         told += [{"frame_speed": {"frame": base}}, {"frame_yaw": base}, {"frame_speed": {"frame": base, "axis": "y"}}]
-    actuated = [each for each in scenario.actuators if isinstance(each, str)]
+    actuated = [each for each in source.content.actuators if isinstance(each, str)]
     rest = [name for name in robot.joint_names if name != "root_joint" and name not in actuated]
     told += [{"joint": name} for name in (*actuated, *rest) if name in robot.joint_names]
     if joints_first:

@@ -410,9 +410,7 @@ def _unit_rows(rows: np.ndarray, least: float = 0.0) -> np.ndarray:
 # ---------------------------------------------------------------------- joints without a motor
 
 
-def assume_motors(
-    mobility: BaseAssumptions, robot: Robot, start: Collection[str], drives: DriveEvidence, *, is_mjcf: bool
-) -> list[str]:
+def assume_motors(mobility: BaseAssumptions, robot: Robot, start: Collection[str], drives: DriveEvidence) -> list[str]:
     """Mark joints without a motor as passive: those with effort 0, and those that a list of motors leaves out.
 
     Args:
@@ -420,7 +418,6 @@ def assume_motors(
         robot: the robot with that base.
         start: its joints with one degree of freedom.
         drives: evidence for which joints have a motor.
-        is_mjcf: True for an MJCF, whose joints without an actuator have effort 0.
 
     Returns:
         Joints that the file or an option leaves without a motor.
@@ -446,7 +443,7 @@ def assume_motors(
         if named:
             said = "effort 0 in the file, although they steer or it names their motors: driven without a limit, CHECK"
             mobility.notes.append(f"{said}: {', '.join(named)}")
-    elif weak and not is_mjcf:
+    elif weak and not drives.is_complete:  # joints of an MJCF without an actuator have effort 0
         mobility.notes.append("the file states no effort: 0 for every joint, so that they are driven without a limit")
     return undriven
 

@@ -228,7 +228,7 @@ def _tried(name: str, folder: Path, choices: DraftOptions, decided: Iterable[Dra
             with collected_model_warnings(show=False) as said:  # those of rejected candidates are not of interest
                 mobility = kind.draft(evidence)
                 evidence.complete(mobility)
-                attempt = ScenarioCandidate(mobility, source, evidence.at_start, folder)
+                attempt = ScenarioCandidate(mobility, source, evidence.at_start)
                 mobility.notes += [*source.remarks, *failures]
                 mobility.decisions += decided
                 scenario = DraftedScenario(attempt.written(), tuple(mobility.decisions))

@@ -7,7 +7,6 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -58,13 +57,11 @@ class ScenarioCandidate:
         mobility: assumptions about the base.
         source: the robot's file.
         at_start: the robot of the file, with its initial joint values.
-        folder: folder of the scenario.
     """
 
     mobility: assumptions.BaseAssumptions
     source: Source
     at_start: RobotAtStart
-    folder: Path
 
     def __post_init__(self) -> None:
         # The order matters: locks change the robot, constraints its loose joints, and both the loads at the start.
@@ -76,8 +73,7 @@ class ScenarioCandidate:
         self.start = {name: value for name, value in self.at_start.start.items() if name in self.robot.joint_names}
         mobility.mimic_drivers = mimic_drivers(self.robot, self.at_start.drives)
         mobility.passive |= set(mobility.mimic_drivers)
-        drives, is_mjcf = self.at_start.drives, self.source.is_mjcf
-        self._undriven = assumptions.assume_motors(mobility, self.robot, self.start, drives, is_mjcf=is_mjcf)
+        self._undriven = assumptions.assume_motors(mobility, self.robot, self.start, self.at_start.drives)
         assumptions.conserve_momentum_of_free_joints(mobility, self.robot)
         mobility.constraints += loop_closures(self.robot)
         self._hold_loose_joints()
@@ -99,7 +95,7 @@ class ScenarioCandidate:
             "actuators": [entry for entry, _ in self.candidates.all],
             "outputs": {"reducing": [{"joint": "unused"}]},  # the schema wants one; nothing is reduced here
         }
-        return build_system(validate(raw, "draft"), self.folder)
+        return build_system(validate(raw, "draft"), self.source.folder)
 
     def _assembled_start(self) -> np.ndarray:
         """Initial configuration (nq,), assembled: wheels on the ground."""
@@ -140,7 +136,7 @@ class ScenarioCandidate:
             if best is None or trial.relative_error < best[0].relative_error:
                 trial = replace(trial, findings=(*findings, *trial.findings))
                 raw, said = self._scenario(chosen, settings), remark.format(*failures[:1])
-                best = trial, write_draft(self.robot.name, raw, chosen.entries, said, trial, mobility)
+                best = trial, write_draft(self.robot.name, raw, said, trial, mobility)
             if trial.relative_error < FAR:
                 break
             failures.append(f"its run {trial.failure_text}")
@@ -194,7 +190,7 @@ class ScenarioCandidate:
     def _try_out(self, chosen: assumptions.ChosenOutputs, settings: Mapping[str, Json]) -> Trial:
         """Build the scenario with its preflight and run it: briefly, then as far as the computing time permits."""
         raw = self._scenario(chosen, settings)
-        experiment = build_experiment(validate(raw, "draft"), self.folder)
+        experiment = build_experiment(validate(raw, "draft"), self.source.folder)
         # A tenth of a second first: it tells the speed of this robot, and most failures.
         result, taken = self._run(raw, experiment, _SHORT)
         possible = round(_SHORT * _PATIENCE / max(taken, 1e-6), 1)
@@ -214,7 +210,7 @@ class ScenarioCandidate:
         clock: list[float] = []  # of this process: other work on the machine changes no draft
         settings = experiment.simulation.model_copy(update={"duration": duration})
         brief = replace(experiment, simulation=settings)
-        made = Scenario("draft", raw, self.folder).built_with(content=experiment.scenario, experiment=brief)
+        made = Scenario("draft", raw, self.source.folder).built_with(content=experiment.scenario, experiment=brief)
         result = execute(made, lambda _: clock.append(time.process_time()))
         if result.error is not None:
             raise result.error

@@ -72,6 +72,7 @@ class Source:
         wishes: user's choices that replace guesses.
 
     Attributes:
+        folder: folder of the scenario.
         options: user's choices.
         entry: robot entry of the scenario, without base and locked joints.
         masses: mass [kg] by link, for links without a usable inertia.
@@ -83,7 +84,7 @@ class Source:
     """
 
     def __init__(self, name: str, folder: Path, wishes: DraftOptions) -> None:
-        self.name, self._folder, self.options = Path(name).name, folder, wishes
+        self.name, self.folder, self.options = Path(name).name, folder, wishes
         self.entry = _entry(name, folder)
         if wishes.xacro_arguments:
             self.entry["xacro_arguments"] = dict(wishes.xacro_arguments)
@@ -121,7 +122,7 @@ class Source:
             lock: joints to lock, with their values [rad or m].
         """
         raw = {**self.robot_entry(base), "lock": {**self.held, **(lock or {})}}
-        return admitted(RobotSource, raw, "robot").build(self._folder)
+        return admitted(RobotSource, raw, "robot").build(self.folder)
 
     def robot_entry(self, base: str | None) -> dict[str, Json]:
         """Return the robot entry with a base.
@@ -204,7 +205,7 @@ class Source:
     @cached_property
     def _urdf(self) -> ElementTree.Element | None:
         """Root element of a URDF, expanded; None for an MJCF."""
-        path, options = urdf_path(self.entry, self._folder), self.options
+        path, options = urdf_path(self.entry, self.folder), self.options
         if path is None:
             return None
         return parse_urdf(path, options.xacro_arguments, Packages(path.parent, options.package_dirs))
@@ -219,7 +220,7 @@ class Source:
         # Packages of ROS_PACKAGE_PATH: the shell that runs the scenario may not have it.
         far = [each for each in robot.far_packages.values() if not {each, *each.parents} & set(given)]
         if given or far:
-            folder = self._folder.resolve()
+            folder = self.folder.resolve()
             self.entry["package_dirs"] = [os.path.relpath(each, folder) for each in dict.fromkeys([*given, *far])]
 
     def _lock_motionless(self) -> None:

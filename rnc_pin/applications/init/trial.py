@@ -10,6 +10,7 @@ import textwrap
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from statistics import median
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +18,6 @@ from rnc_pin.applications.init.assumptions import DURATION, BaseAssumptions, Ent
 from rnc_pin.applications.scenario.files import one_line_yaml
 from rnc_pin.applications.scenario.plan_builder import frame_poses
 from rnc_pin.errors import few, printable
-from rnc_pin.io import Json
 from rnc_pin.model import NonholonomicSystem
 from rnc_pin.robots import Robot
 from rnc_pin.simulation import LimitReplay, Trajectory, tracking_errors
@@ -237,20 +237,12 @@ def _model(where: str, amount: float, severity: Severity, message: str) -> Findi
 _WORDS = {Severity.FAILS: "NOT CONFIRMED", Severity.DEGRADES: "CHECK", Severity.NOTE: "Note"}
 
 
-def write_draft(
-    name: str,
-    scenario: Mapping[str, Json],
-    reducing: Iterable[Entry],
-    remark: str,
-    trial: Trial,
-    mobility: BaseAssumptions,
-) -> str:
+def write_draft(name: str, scenario: Mapping[str, Any], remark: str, trial: Trial, mobility: BaseAssumptions) -> str:
     """Return the text of a scenario file.
 
     Args:
         name: name of the robot.
         scenario: content of the file.
-        reducing: entries of its reducing outputs.
         remark: remark on the controller.
         trial: result of the trial run.
         mobility: assumptions about the base, with remarks on its constraints and actuators.
@@ -268,7 +260,7 @@ def write_draft(
         *_entries("actuators", mobility.actuators, "# joint torques and forces"),
         "outputs:",
         *_remark("one row for each degree of freedom that the constraints leave; controllers move these", "  "),
-        *_entries("reducing", [(each, "") for each in reducing], "", "  "),
+        *_entries("reducing", [(each, "") for each in scenario["outputs"]["reducing"]], "", "  "),
     ]
     if mobility.vertical:
         lines += [
@@ -276,7 +268,7 @@ def write_draft(
             *_entries("vertical", [(each, "") for each in mobility.vertical], "", "  "),
         ]
     lines.append(f"task: {one_line_yaml(scenario['task'])}")
-    if isinstance(initial, Mapping) and any(initial.values()):
+    if any(initial.values()):
         loops = any("loop_closure" in entry for entry, _ in mobility.constraints)
         usual = "at zero, or in the middle of limits that do not contain zero" + "; loops start closed" * loops
         lines += [*_remark(f"joints start {usual}"), f"initial: {one_line_yaml(initial)}"]

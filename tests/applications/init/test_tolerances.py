@@ -29,7 +29,7 @@ def built_only(monkeypatch):
     def build(self, chosen, settings):
         content = self._scenario(chosen, settings)
         content["simulation"]["duration"] = 0.1  # so that the roll-out is short
-        build_experiment(validate(content, "draft"), self.folder)
+        build_experiment(validate(content, "draft"), self.source.folder)
         return Trial(0.0)
 
     monkeypatch.setattr(scenario_candidate.ScenarioCandidate, "_try_out", build)
