@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import TypedDict, Unpack
 
 import click
 
-from rnc_pin.applications.command_line.messages import FAILED, warn
-from rnc_pin.applications.command_line.report import keep_run, report_run
+from rnc_pin.applications.command_line.messages import warn
+from rnc_pin.applications.command_line.report import run_and_report
 from rnc_pin.applications.drive.page import DrivePage
 from rnc_pin.applications.drive.preparation import PreparedDrive, prepare_drive, read_source
 from rnc_pin.applications.drive.run import CommandQueue, RealTimeClock, drive
 from rnc_pin.applications.init import DraftOptions
-from rnc_pin.applications.scenario.execution import Result, result_names
+from rnc_pin.applications.scenario.execution import Result
 from rnc_pin.applications.scenario.files import parse_options
-from rnc_pin.applications.scenario.output_folder import OutputFolder
-from rnc_pin.interruption import interruptible, uninterrupted
+from rnc_pin.interruption import interruptible
 
 
 class NewDrive(TypedDict):
@@ -46,14 +46,8 @@ def drive_robot(
     given = parse_options(new["options"])
     wishes = DraftOptions(xacro_arguments=parse_options(new["arguments"]), package_dirs=new["package_dirs"])
     prepared = prepare_drive(read_source(source, given, wishes), given, new["frames"])
-    for warning in prepared.scenario.experiment.warnings:
-        warn(warning)
-    path = out or Path("runs") / f"{prepared.scenario.name.strip('.') or 'scenario'}-drive"
-    # The folder replaces files of these names, and no others.
-    with uninterrupted(), OutputFolder(path, force, result_names(prepared.scenario)) as target:
-        result = _driven(prepared, new["duration"], browser)
-        drawn = keep_run(prepared.scenario, result, target, as_json)
-    return FAILED if drawn is None else report_run(prepared.scenario, result, drawn, target.path, as_json)
+    simulated = partial(_driven, prepared, new["duration"], browser)
+    return run_and_report(prepared.scenario, out, "-drive", force, as_json, simulated)
 
 
 def _driven(prepared: PreparedDrive, duration: float | None, browser: bool) -> Result:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -10,17 +10,18 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from rich.table import Table
 
 from rnc_pin.applications.command_line import messages
-from rnc_pin.applications.scenario.execution import Drawn, Result, ShowProgress, draw_pictures, picture_names, write
+from rnc_pin.applications.scenario.execution import Drawn, Result, draw_pictures, picture_names, result_names, write
 from rnc_pin.applications.scenario.output_folder import OutputFolder
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import RncError
+from rnc_pin.interruption import uninterrupted
 from rnc_pin.printing import Line, SummaryMixin
 from rnc_pin.simulation import OutputNames, Summary
 from rnc_pin.verdict import Severity, Verdict, weight_of
 
 
 class ProgressBar:
-    """Progress bar on stderr; its context yields an ``ShowProgress`` callback.
+    """Progress bar on stderr; its context yields a callback that takes the value so far and the activity.
 
     Args:
         total: value at 100 %.
@@ -49,7 +50,7 @@ class ProgressBar:
         task = self._bar.tasks[0]
         return f"{task.description}: {task.percentage:.0f} %"
 
-    def __enter__(self) -> ShowProgress:
+    def __enter__(self) -> Callable[[float, str], None]:
         self._log.__enter__()
         self._bar.start()
         return self._advance
@@ -194,15 +195,51 @@ def report_findings(verdict: Verdict, ending: str, others: str = "", told: Colle
     return messages.FAILED
 
 
-def keep_run(scenario: Scenario, result: Result, target: OutputFolder, as_json: bool) -> Drawn | None:
-    """Write a run, print its summary, and draw its pictures last. None if they cannot be written, after the error.
+def run_and_report(
+    scenario: Scenario, out: Path | None, ending: str, force: bool, as_json: bool, simulated: Callable[[], Result]
+) -> int:
+    """Simulate a run into its folder. Print its summary, files, time and findings, and return the exit status.
 
     Args:
-        scenario: scenario of the run.
-        result: the run.
-        target: folder of the results.
-        as_json: print nothing, because a program reads the results.
+        scenario: scenario of the run, with all that is built.
+        out: folder of the results; ``runs/SCENARIO`` with the ending if it is None.
+        ending: end of the folder's usual name.
+        force: True to write into a folder that rnc-pin did not create.
+        as_json: print the summary as JSON, and nothing else, because a program reads it.
+        simulated: function that simulates the run.
     """
+    told = scenario.experiment.warnings
+    for warning in told:
+        messages.warn(warning)
+    name = scenario.name.strip(".") or "scenario"  # a file "...yaml" must not write into ".."
+    folder = out or Path("runs") / f"{name}{ending}"
+    # The folder replaces files of these names, and no others.
+    with uninterrupted(), OutputFolder(folder, force, result_names(scenario)) as target:
+        result = simulated()
+        drawn = _kept(scenario, result, target, as_json)
+    if drawn is None:
+        return messages.FAILED
+    if drawn.failures:
+        messages.warn(str(drawn))
+    if as_json:
+        messages.print_json({**result.summary, "elapsed_time": round(messages.seconds_since_start(), 3)})
+    else:
+        console, spent = Console(markup=False, emoji=False), result.summary["wall_time"]
+        console.print(f"in {folder}: {', '.join(result.summary['files'])}", highlight=False, soft_wrap=True)
+        part = f", {spent:.1f} s of it for the simulation" if spent else ""
+        console.print(f"done in {messages.seconds_since_start():.1f} s{part}", highlight=False)
+    where = f"results so far are in {folder}"
+    if report_findings(result.trajectory.verdict, where, " in summary.json", told) == messages.FAILED:
+        return messages.FAILED
+    # Behind the verdict: a failure says more than that its pictures are missing.
+    if result.interrupted or drawn.interrupted:
+        messages.complain(f"interrupted; {where}")
+        return messages.FAILED
+    return messages.DONE
+
+
+def _kept(scenario: Scenario, result: Result, target: OutputFolder, as_json: bool) -> Drawn | None:
+    """Write a run, print its summary, and draw its pictures last. None if they cannot be written, after the error."""
     try:
         with target.writing() as fresh:
             files = write(scenario, result, fresh)
@@ -221,33 +258,3 @@ def keep_run(scenario: Scenario, result: Result, target: OutputFolder, as_json: 
         return None
     result.summary["files"] = [*files, *drawn.written]
     return drawn
-
-
-def report_run(scenario: Scenario, result: Result, drawn: Drawn, folder: Path, as_json: bool) -> int:
-    """Print files, time and findings of a run, and whether it was interrupted. Return the exit status.
-
-    Args:
-        scenario: scenario of the run, whose warnings were printed before.
-        result: the run.
-        drawn: its pictures.
-        folder: its folder.
-        as_json: print the summary as JSON.
-    """
-    if drawn.failures:
-        messages.warn(str(drawn))
-    if as_json:
-        messages.print_json({**result.summary, "elapsed_time": round(messages.seconds_since_start(), 3)})
-    else:
-        console, spent = Console(markup=False, emoji=False), result.summary["wall_time"]
-        console.print(f"in {folder}: {', '.join(result.summary['files'])}", highlight=False, soft_wrap=True)
-        part = f", {spent:.1f} s of it for the simulation" if spent else ""
-        console.print(f"done in {messages.seconds_since_start():.1f} s{part}", highlight=False)
-    where = f"results so far are in {folder}"
-    told = scenario.experiment.warnings
-    if report_findings(result.trajectory.verdict, where, " in summary.json", told) == messages.FAILED:
-        return messages.FAILED
-    # Behind the verdict: a failure says more than that its pictures are missing.
-    if result.interrupted or drawn.interrupted:
-        messages.complain(f"interrupted; {where}")
-        return messages.FAILED
-    return messages.DONE

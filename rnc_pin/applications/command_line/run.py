@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TypedDict, Unpack
 
-from rnc_pin.applications.command_line.messages import FAILED, announce, told_each_minute, warn
-from rnc_pin.applications.command_line.report import ProgressBar, keep_run, report_run
-from rnc_pin.applications.scenario.execution import Result, execute, result_names
+from rnc_pin.applications.command_line.messages import announce, told_each_minute
+from rnc_pin.applications.command_line.report import ProgressBar, run_and_report
+from rnc_pin.applications.scenario.execution import Result, execute
 from rnc_pin.applications.scenario.files import parse_options
-from rnc_pin.applications.scenario.output_folder import OutputFolder
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.interruption import uninterrupted
 from rnc_pin.simulation import Observer, RunInfo
 
 
@@ -52,13 +51,8 @@ def run_scenario(
     # Models with meshes and plans take minutes, for which a log would be silent.
     with told_each_minute(lambda: activity, as_json):
         prepared = prepared.build()
-    for warning in prepared.experiment.warnings:
-        warn(warning)
-    name = prepared.name.strip(".") or "scenario"  # a file "...yaml" must not write into ".."
-    with uninterrupted(), OutputFolder(out or Path("runs") / name, force, result_names(prepared)) as folder:
-        result = _watched(prepared, watching, as_json) if show else _executed(prepared, None, as_json)
-        drawn = keep_run(prepared, result, folder, as_json)
-    return FAILED if drawn is None else report_run(prepared, result, drawn, folder.path, as_json)
+    simulated = partial(_watched, prepared, watching, as_json) if show else partial(_executed, prepared, None, as_json)
+    return run_and_report(prepared, out, "", force, as_json, simulated)
 
 
 def _watched(prepared: Scenario, watching: Watching, quiet: bool) -> Result:

@@ -97,12 +97,11 @@ def prepare_drive(source: Scenario, options: Mapping[str, Json], frames: Sequenc
         ConfigurationError: a velocity program cannot drive the robot.
         RncError: the scenario is invalid.
     """
-    if source.content.contacts:
-        raise ConfigurationError(
-            f"{source.name}: contacts: a driven run has none that open and close; use 'constraints'"
-        )
-    system = build_system(source.content, source.folder)
-    chosen = tuple(frames) or _default_frames(source.content, system.robot)
+    name, content = source.name, source.content
+    if content.contacts:
+        raise ConfigurationError(f"{name}: contacts: a driven run has none that open and close; use 'constraints'")
+    system = build_system(content, source.folder)
+    chosen = tuple(frames) or _default_frames(content, system.robot)
     for frame in chosen:
         system.robot.frame_id(frame)
     config = _driven_config(source, system, chosen, options)
