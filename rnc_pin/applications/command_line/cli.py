@@ -24,15 +24,7 @@ with interruptible_imports():
     from click.shell_completion import CompletionItem
 
     from rnc_pin.applications import command_line as commands
-    from rnc_pin.applications.command_line.messages import (
-        DONE,
-        FAILED,
-        USAGE,
-        announce,
-        complain,
-        print_json,
-        told_warnings,
-    )
+    from rnc_pin.applications.command_line import messages
     from rnc_pin.applications.scenario.files import built_in_names, find_scenario, read_yaml
     from rnc_pin.errors import RncError
 
@@ -138,7 +130,7 @@ def list_scenarios(as_json: bool) -> None:
     """List the built-in scenarios."""
     titles = {name: read_yaml(find_scenario(name)).get("title") or "" for name in built_in_names()}
     if as_json:
-        print_json(titles)
+        messages.print_json(titles)
         return
     for name, title in titles.items():
         click.echo(f"{name:<{max(map(len, titles))}}  {title}")
@@ -153,7 +145,7 @@ def list_scenarios(as_json: bool) -> None:
 def run_command(**given: Given) -> int:
     """Run a SCENARIO: a built-in name or a YAML file."""
     find_scenario(given["scenario"])
-    announce(f"{given['scenario']}: reading the scenario", given["as_json"])
+    messages.announce(f"{given['scenario']}: reading the scenario", given["as_json"])
     return _imported(lambda: commands.run_scenario)(**given)
 
 
@@ -176,7 +168,7 @@ def drive(**given: Given) -> int:
     Arrow keys or W A S D drive the base, a click on the ground sets a goal, and sliders move joints. Space stops.
     """
     # Before the imports, which take a second: the terminal is not silent.
-    announce(f"{given['source']}: preparing the drive", quiet=True)
+    messages.announce(f"{given['source']}: preparing the drive", quiet=True)
     return _imported(lambda: commands.drive_robot)(**given)
 
 
@@ -190,7 +182,7 @@ def drive(**given: Given) -> int:
 def inspect(**given: Given) -> None:
     """Analyze a SYSTEM: motions, constraint rows, actuation, redundancy and singularities."""
     find_scenario(given["system"])
-    announce(f"{given['system']}: analyzing the system", quiet=True)
+    messages.announce(f"{given['system']}: analyzing the system", quiet=True)
     _imported(lambda: commands.inspect_system)(**given)
 
 
@@ -205,7 +197,7 @@ def inspect(**given: Given) -> None:
 def explore(**given: Given) -> int | None:
     """Tell what the redundancy of a SYSTEM can do while its primary outputs rest, best use first."""
     find_scenario(given["system"])
-    announce(f"{given['system']}: exploring the redundancy", quiet=True)
+    messages.announce(f"{given['system']}: exploring the redundancy", quiet=True)
     return _imported(lambda: commands.explore_system)(**given)
 
 
@@ -223,7 +215,7 @@ def explore(**given: Given) -> int | None:
 @_debug
 def init(**given: Given) -> None:
     """Draft a scenario for a ROBOT: a URDF, xacro or MJCF file, or the name of an example."""
-    announce(f"{given['robot']}: reading the robot and testing a scenario for it", quiet=True)
+    messages.announce(f"{given['robot']}: reading the robot and testing a scenario for it", quiet=True)
     _imported(lambda: commands.draft_scenario)(**given)
 
 
@@ -243,7 +235,7 @@ def schema() -> None:
 @_debug
 def replay(**given: Given) -> int:
     """Replay runs: folders of ``run``, or their trajectory.npz. Further runs are compared with the first."""
-    announce(f"{', '.join(map(str, given['sources']))}: reading", quiet=True)
+    messages.announce(f"{', '.join(map(str, given['sources']))}: reading", quiet=True)
     return _imported(lambda: commands.replay_runs)(**given)
 
 
@@ -273,7 +265,7 @@ def sweep(**given: Given) -> int:
     same command continues.
     """
     find_scenario(given["scenario"])
-    announce(f"{given['scenario']}: reading the scenario", given["as_json"])
+    messages.announce(f"{given['scenario']}: reading the scenario", given["as_json"])
     # ``sweep`` takes either as ``jobs``; the command line has a number and an address.
     scheduler = given.pop("scheduler")
     return _imported(lambda: commands.sweep_scenario)(**{**given, "jobs": scheduler or given["jobs"]})
@@ -287,33 +279,33 @@ def main() -> None:
     # At a second call in one process the imports are done already.
     started = _STARTED.pop() if _STARTED else time.perf_counter()
     if sys.stdout is None:  # the next file that is opened would take its place
-        _end(USAGE, "standard output is closed: redirect it, e.g. to /dev/null")
+        _end(messages.USAGE, "standard output is closed: redirect it, e.g. to /dev/null")
     try:
-        with endings_as_ctrl_c(), told_warnings():
+        with endings_as_ctrl_c(), messages.told_warnings():
             # Not standalone: Click would print errors in its own form, and end the process itself.
             status = cli.main(standalone_mode=False, obj=started)
             sys.stdout.flush()
     except click.exceptions.Abort:
-        _end(FAILED, "interrupted")
+        _end(messages.FAILED, "interrupted")
     except click.UsageError as error:
         command = error.ctx.command_path if error.ctx else "rnc-pin"
-        _end(USAGE, f"{' '.join(error.format_message().split()).rstrip('.')} (see '{command} --help')")
+        _end(messages.USAGE, f"{' '.join(error.format_message().split()).rstrip('.')} (see '{command} --help')")
     except click.ClickException as error:
-        _end(USAGE, error.format_message())
+        _end(messages.USAGE, error.format_message())
     except BrokenPipeError:  # the reader of the pipe has closed it
         sys.stderr.close()
-        sys.exit(FAILED)
+        sys.exit(messages.FAILED)
     except Exception as error:
         if "--debug" in sys.argv:
             traceback.print_exc()
         if isinstance(error, RncError):
-            _end(USAGE, str(error))
-        _end(FAILED, _unexpected(error))
-    sys.exit(status if isinstance(status, int) else DONE)
+            _end(messages.USAGE, str(error))
+        _end(messages.FAILED, _unexpected(error))
+    sys.exit(status if isinstance(status, int) else messages.DONE)
 
 
 def _end(status: int, message: str) -> NoReturn:
-    complain(message)
+    messages.complain(message)
     sys.exit(status)
 
 
@@ -340,7 +332,7 @@ def run() -> None:
                 if "ompl" not in sys.modules:  # its bindings print all that is left as leaked
                     gc.freeze()  # a collection at the exit would take as long as writing a run
     except KeyboardInterrupt:  # it came between the command and the end
-        sys.exit(FAILED)
+        sys.exit(messages.FAILED)
 
 
 if __name__ == "__main__":

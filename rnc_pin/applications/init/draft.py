@@ -8,17 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+from rnc_pin.applications.init import omnidirectional_base as omnidirectional
 from rnc_pin.applications.init import other_bases
 from rnc_pin.applications.init.assumptions import BaseAssumptions
 from rnc_pin.applications.init.evidence import GUESSED, LIKELY, Alternative, DraftDecision
-from rnc_pin.applications.init.omnidirectional_base import (
-    force_driven_base,
-    omnidirectional_base,
-    rollers_decision,
-    swerve_base,
-    turret_base,
-    wheels_called_omni,
-)
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.scenario_candidate import ScenarioCandidate
 from rnc_pin.applications.init.source import DraftOptions, Source
@@ -124,13 +117,13 @@ BASE_KINDS = (
         is_last=True,
     ),
     BaseKind(lambda e: _is_yes(e.balance), lambda e: other_bases.balancing_base(e.layout, e.at_start)),
-    BaseKind(lambda e: _is_yes(e.rollers), lambda e: omnidirectional_base(e.layout, e.at_start)),
-    BaseKind(lambda e: e.layout.is_turret, lambda e: turret_base(e.layout, e.at_start)),
-    BaseKind(lambda e: e.layout.is_swerve, lambda e: swerve_base(e.layout, e.at_start)),
+    BaseKind(lambda e: _is_yes(e.rollers), lambda e: omnidirectional.omnidirectional_base(e.layout, e.at_start)),
+    BaseKind(lambda e: e.layout.is_turret, lambda e: omnidirectional.turret_base(e.layout, e.at_start)),
+    BaseKind(lambda e: e.layout.is_swerve, lambda e: omnidirectional.swerve_base(e.layout, e.at_start)),
     BaseKind(lambda e: e.is_cart, lambda e: wheeled_base(e.layout, e.at_start)),
     BaseKind(lambda e: bool(e.axles), lambda e: knife_edge_base(e.axles, e.drawn, e.at_start)),
     BaseKind(lambda e: e.is_without_wheels, lambda e: e.without_wheels(e.asked)),
-    BaseKind(lambda e: bool(e.layout.wheels), lambda e: force_driven_base(e.layout, e.at_start)),
+    BaseKind(lambda e: bool(e.layout.wheels), lambda e: omnidirectional.force_driven_base(e.layout, e.at_start)),
     BaseKind(lambda e: e.is_open, lambda e: e.without_wheels("fixed", "taken to be bolted down, for lack of better")),
     BaseKind(lambda e: e.is_open, lambda e: other_bases.fixed_base_with_locked_joints(e.at_start)),
 )
@@ -277,13 +270,13 @@ def _evidence(source: Source) -> BaseEvidence:
     layout, least = WheelLayout(), 3  # drawn wheels on which a robot without other wheels stands
     if wheels or (len(shapes) >= least and not axles):
         standing = [*wheels, *shapes]
-        called = wheels_called_omni(standing, at_start) if options.rollers is None else []
+        called = omnidirectional.wheels_called_omni(standing, at_start) if options.rollers is None else []
         sliding = called if len(called) < len(standing) else []  # if all are called so, they are omni wheels
         layout = classify_wheels(standing, drives, search.raised if wheels else (), sliding)
         if layout.steered and not (layout.fixed or layout.is_swerve or layout.is_turret):
             # Drawn axles guide a base whose wheels only steer.
             layout.fixed += (axle for axle in search.drawn_axles if axle.joint == at_start.root_joint)
     balance = other_bases.balance_decision(layout, at_start, options.balance) if options.base is None else None
-    rollers = rollers_decision(layout, at_start, options.rollers)
+    rollers = omnidirectional.rollers_decision(layout, at_start, options.rollers)
     drawn = classify_wheels(shapes, drives)
     return BaseEvidence(at_start, source, search, layout, axles, drawn, balance, rollers)

@@ -11,18 +11,10 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.applications.init import assumptions
+from rnc_pin.applications.init import assumptions, start_values
 from rnc_pin.applications.init.evidence import mimic_drivers
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.source import Source
-from rnc_pin.applications.init.start_values import (
-    is_loaded,
-    keep_within_loops,
-    loop_closures,
-    uncoupled_joints,
-    with_bearable_loads,
-    with_regular_inertia,
-)
 from rnc_pin.applications.init.trial import (
     FAR,
     MEANINGFUL,
@@ -75,12 +67,12 @@ class ScenarioCandidate:
         mobility.passive |= set(mobility.mimic_drivers)
         self._undriven = assumptions.assume_motors(mobility, self.robot, self.start, self.at_start.drives)
         assumptions.conserve_momentum_of_free_joints(mobility, self.robot)
-        mobility.constraints += loop_closures(self.robot)
+        mobility.constraints += start_values.loop_closures(self.robot)
         self._hold_loose_joints()
         self.trial = Trial(0.0)
         """Trial run of the returned text."""
         self._motions: dict[str, float] = {}
-        self.start, moved = with_regular_inertia(self.robot, self.start)
+        self.start, moved = start_values.with_regular_inertia(self.robot, self.start)
         mobility.notes += moved
         self._bear_weight()
         self.candidates = assumptions.actuator_candidates(mobility, self.robot, self.start, self._undriven)
@@ -116,7 +108,7 @@ class ScenarioCandidate:
         mobility.actuators = self._actuators(chosen)
         findings = model_findings(self.system, mobility, chosen.entries, self._against)
         loaded = "gravity loads the robot, and it learns this load slowly"
-        is_slow = not mobility.weightless and self.start and is_loaded(self.robot, self.q0, self.start)
+        is_slow = not mobility.weightless and self.start and start_values.is_loaded(self.robot, self.q0, self.start)
         failures = [loaded] if is_slow else []
         best: tuple[Trial, str] | None = None
         for controller, dt, remark in self._controllers(is_loaded=bool(failures)):
@@ -223,7 +215,7 @@ class ScenarioCandidate:
     def _hold_loose_joints(self) -> None:
         """Lock joints without an actuator in the file that no constraint couples to others; mimic joints together."""
         mobility, groups = self.mobility, self._coupled_by_mimics
-        free = uncoupled_joints(mobility.constraints, self.robot, self.start)
+        free = start_values.uncoupled_joints(mobility.constraints, self.robot, self.start)
         # A follower with a motor moves its leader: the group is loose only if all of it is.
         moved_together = (groups.get(name, {name}) for name in self._undriven)
         idle = {name for group in moved_together if group <= {*free} for name in group}
@@ -249,9 +241,9 @@ class ScenarioCandidate:
         if mobility.weightless or mobility.feedback is not None:
             return
         others = {*mobility.passive, *self._undriven, *self._coupled_by_mimics}
-        free = uncoupled_joints(mobility.constraints, self.robot, self.start)
+        free = start_values.uncoupled_joints(mobility.constraints, self.robot, self.start)
         held = [name for name in free if name not in others]
-        self.start, moved = with_bearable_loads(self.robot, self.start, held)
+        self.start, moved = start_values.with_bearable_loads(self.robot, self.start, held)
         mobility.notes += moved
 
     def _robot_entry(self) -> dict[str, Json]:
@@ -300,8 +292,8 @@ class ScenarioCandidate:
         mobility.vertical = [entry for entry in mobility.vertical if entry not in chosen.entries]
         if mobility.feedback is not None:
             return chosen
-        coupled = {*self.start}.difference(uncoupled_joints(mobility.constraints, self.robot, self.start))
-        mobility.notes += keep_within_loops(chosen, self.system, self.q0, coupled)
+        coupled = {*self.start}.difference(start_values.uncoupled_joints(mobility.constraints, self.robot, self.start))
+        mobility.notes += start_values.keep_within_loops(chosen, self.system, self.q0, coupled)
         return chosen
 
     def _initial(self) -> dict[str, Json]:

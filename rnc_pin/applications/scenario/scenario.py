@@ -13,14 +13,8 @@ from typing import NamedTuple
 import numpy as np
 import yaml
 
-from rnc_pin.applications.scenario.builder import (
-    Experiment,
-    build_experiment,
-    build_system,
-    build_task,
-    collected_model_warnings,
-    start_of,
-)
+from rnc_pin.applications.scenario import builder
+from rnc_pin.applications.scenario.builder import Experiment
 from rnc_pin.applications.scenario.controllers import without_foreign_gains
 from rnc_pin.applications.scenario.files import find_scenario, is_built_in, read_yaml, with_options
 from rnc_pin.applications.scenario.plan_builder import Plans, Start
@@ -151,8 +145,8 @@ class Scenario(SummaryMixin):
     @nothing_to_keep()
     def model(self) -> BuiltModel:
         """System and reduced model, with the warnings about them."""
-        with RncError.at(self._label), collected_model_warnings(self.show_warnings) as told:
-            system = build_system(self.content, self.folder)
+        with RncError.at(self._label), builder.collected_model_warnings(self.show_warnings) as told:
+            system = builder.build_system(self.content, self.folder)
             reduced = self.content.reduced(system)
         return BuiltModel(system, reduced, tuple(told))
 
@@ -161,8 +155,8 @@ class Scenario(SummaryMixin):
     def experiment(self) -> Experiment:
         """Objects of the run."""
         model = self.model
-        with RncError.at(self._label), collected_model_warnings(self.show_warnings) as told:
-            made = build_experiment(self.content, self.folder, self._plans, model.reduced)
+        with RncError.at(self._label), builder.collected_model_warnings(self.show_warnings) as told:
+            made = builder.build_experiment(self.content, self.folder, self._plans, model.reduced)
         return replace(made, model_warnings=tuple(dict.fromkeys((*model.warnings, *told))))
 
     @cached_property
@@ -201,7 +195,7 @@ class Scenario(SummaryMixin):
     @property
     def task(self) -> Task:
         """Task; by default all reducing outputs are primary."""
-        return build_task(self.content, self.reduced)
+        return builder.build_task(self.content, self.reduced)
 
     @property
     def controller(self) -> Controller:
@@ -252,7 +246,7 @@ class Scenario(SummaryMixin):
     @cached_property
     def _start(self) -> Start:
         with RncError.at(self._label):
-            return start_of(self.content, self.reduced)
+            return builder.start_of(self.content, self.reduced)
 
     @cached_property
     def _plans(self) -> Plans:

@@ -34,7 +34,7 @@ def upright_arm():
 @pytest.fixture
 def strict(monkeypatch):
     """A load is not seen, and 2 % of the motion are a miss: the adaptive tracker, which learns the load, has 5 %."""
-    monkeypatch.setattr(scenario_candidate, "is_loaded", lambda *given: False)
+    monkeypatch.setattr(scenario_candidate.start_values, "is_loaded", lambda *given: False)
     for module in (trial, scenario_candidate):
         monkeypatch.setattr(module, "FAR", 0.02)
     monkeypatch.setattr(trial, "LOST", 0.03)

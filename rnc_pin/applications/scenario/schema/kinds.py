@@ -9,21 +9,11 @@ from typing import Annotated, cast
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from rnc_pin import constraints, outputs
+from rnc_pin import constraints, model, outputs
 from rnc_pin.applications.scenario.schema.derived import ClassReader, one_of
 from rnc_pin.applications.scenario.schema.motions import ReferenceItem
 from rnc_pin.forces import Damper, SmoothFriction, Spring, Wrench
 from rnc_pin.io import Numbers, Strict
-from rnc_pin.model import (
-    Actuator,
-    ConstraintKind,
-    Coordinates,
-    ForceKind,
-    FrameForce,
-    FrameTorque,
-    OpenDifferential,
-    OutputKind,
-)
 from rnc_pin.motion.planning import Reference
 from rnc_pin.plants import UnilateralContact
 
@@ -33,7 +23,7 @@ _Ground = constraints.GroundPlane | constraints.CurvedGround
 GroundItem = Annotated[_Ground, one_of(plane=constraints.GroundPlane, **_CURVED)] | None
 _Plane = Annotated[constraints.GroundPlane, one_of(plane=constraints.GroundPlane)] | None
 OutputItem = Annotated[
-    OutputKind,
+    model.OutputKind,
     one_of(
         joint=ClassReader(outputs.JointPosition, short="joint"),
         frame_position=outputs.FramePosition,
@@ -90,11 +80,11 @@ class _MotionArguments(Strict):
 def _motion(given: _MotionArguments) -> Reference:
     start = np.array(given.start, dtype=float)
     # Without a robot, the kinds of the output's rows are not known here: they count as numbers.
-    return given.reference.from_start(start, Coordinates([False] * start.size))
+    return given.reference.from_start(start, model.Coordinates([False] * start.size))
 
 
 ConstraintItem = Annotated[
-    ConstraintKind,
+    model.ConstraintKind,
     one_of(
         momentum=ClassReader(constraints.MomentumConservation, short="joint"),
         no_side_slip=ClassReader(constraints.NoSideSlip, forms={"ground": _Plane}),
@@ -126,7 +116,7 @@ _ON_GROUND = (
 )
 
 
-def with_ground(given: Sequence[ConstraintKind], ground: _Ground) -> list[ConstraintKind]:
+def with_ground(given: Sequence[model.ConstraintKind], ground: _Ground) -> list[model.ConstraintKind]:
     """Return constraints with a ground for those that have none of their own.
 
     Args:
@@ -146,11 +136,13 @@ def with_ground(given: Sequence[ConstraintKind], ground: _Ground) -> list[Constr
 
 
 _ON_OUTPUT = {"output": OutputItem}
-ActuatorItem = Annotated[Actuator, one_of(True, force=FrameForce, torque=FrameTorque, differential=OpenDifferential)]
+ActuatorItem = Annotated[
+    model.Actuator, one_of(True, force=model.FrameForce, torque=model.FrameTorque, differential=model.OpenDifferential)
+]
 
 
 ForceItem = Annotated[
-    ForceKind,
+    model.ForceKind,
     one_of(
         spring=ClassReader(Spring, forms=_ON_OUTPUT),
         damper=ClassReader(Damper, forms=_ON_OUTPUT),
