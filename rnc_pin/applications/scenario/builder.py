@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rnc_pin import plants
+from rnc_pin import plants, simulation
 from rnc_pin.analysis import Grip, wheel_height_findings
 from rnc_pin.applications.scenario import plan_builder
 from rnc_pin.applications.scenario.controllers import ControllerContext
@@ -29,16 +29,7 @@ from rnc_pin.motion.optimal import MotionPlan
 from rnc_pin.motion.planning import Reference
 from rnc_pin.motion.whole_body import WholeBodyProgram, program_of
 from rnc_pin.robots import Robot
-from rnc_pin.simulation import (
-    PLOTTED_QUANTITIES,
-    Provenance,
-    SimulationOptions,
-    TaskNames,
-    Trajectory,
-    provenance_of,
-    sample_count,
-    simulate,
-)
+from rnc_pin.simulation import PLOTTED_QUANTITIES, Provenance, SimulationOptions, TaskNames, Trajectory
 from rnc_pin.verdict import Finding, FindingKind, Severity
 from rnc_pin.visualization import DrawnModel
 
@@ -120,9 +111,8 @@ class Experiment:
         Args:
             options: options of the run, with its observer and provenance.
         """
-        dt, start, v2_0 = self.simulation.dt, self.q0, self.v2_0
-        duration, plant = self.simulation.seconds, self.plant
-        return simulate(self.reduced, self.controller, start, duration, dt, v2_0=v2_0, plant=plant, options=options)
+        given = self.reduced, self.controller, self.q0, self.simulation.seconds, self.simulation.dt
+        return simulation.simulate(*given, v2_0=self.v2_0, plant=self.plant, options=options)
 
 
 def build_experiment(
@@ -140,13 +130,13 @@ def build_experiment(
     """
     if scenario.outputs is None and scenario.controller is None and scenario.simulation is None:
         raise ConfigurationError("outputs: is missing, and so are controller and simulation; a run needs the last two")
-    simulation = scenario.timing
+    timing = scenario.timing
     if scenario.controller is None and not scenario.contacts:
         raise ConfigurationError("controller: is missing; a run needs {type: ..., preset: ...}")
     # Before the robot is loaded, which takes longer than anything else here.
-    if scenario.planner is None or simulation.duration != "plan":
+    if scenario.planner is None or timing.duration != "plan":
         try:
-            sample_count(simulation.seconds, simulation.dt)
+            simulation.sample_count(timing.seconds, timing.dt)
         except InputError as error:
             raise ConfigurationError(f"simulation: {error}") from None
     reduced = scenario.reduced(build_system(scenario, folder)) if reduced is None else reduced
@@ -158,16 +148,16 @@ def build_experiment(
     motion = None
     if scenario.planner is not None:
         motion = plan_builder.plan_of_scenario(scenario, reduced, start, obstacles, {} if plans is None else plans)
-        simulation = simulation.of_plan(motion.duration)
+        timing = timing.of_plan(motion.duration)
     for frame in scenario.view.trail:
         reduced.robot.frame_id(frame)  # raises for an unknown one, which the page would meet after the run
     at_start = start_findings(scenario, reduced, q0)
     # Before the controller: its roll-out may fail for the reason that these tell.
     doubted = warnings_of(at_start)
-    run = partial(Experiment, scenario, reduced, q0=q0, v2_0=v2_0, simulation=simulation, obstacles=obstacles)
+    run = partial(Experiment, scenario, reduced, q0=q0, v2_0=v2_0, simulation=timing, obstacles=obstacles)
     if scenario.controller is None:  # contacts fall and slide by themselves
         without, plant = ZeroInput(reduced), build_plant(scenario, reduced, q0)
-        return run(without, plant, warnings=doubted, start_findings=at_start, provenance=provenance_of(None))
+        return run(without, plant, warnings=doubted, start_findings=at_start, provenance=simulation.provenance_of(None))
     references, given = plan_builder.task_references(scenario, reduced, task, q0, motion)
     path = plan_builder.plan_path(scenario, reduced, task, q0)
     if path.primary is not None:
@@ -178,7 +168,7 @@ def build_experiment(
         **references,
         given=given,
         q0=q0,
-        simulation=simulation,
+        simulation=timing,
         preflight=scenario.preflight,
         slithering=path.slithering,
         monitored=path.monitored,
@@ -196,7 +186,7 @@ def build_experiment(
         warnings=(*doubted, *built.warnings, *_unmeasured(obstacles, reduced)),
         start_findings=at_start,
         provenance=replace(
-            provenance_of(built.notes),
+            simulation.provenance_of(built.notes),
             controller=describe(built.controller),
             task=TaskNames(tuple(task.primary_names), tuple(task.redundant_names)),
             path=path.planned if motion is None else plan_builder.planned_path(motion, reduced, trail[0]),
