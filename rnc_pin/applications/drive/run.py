@@ -14,14 +14,8 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from rnc_pin.applications.drive.commands import (
-    DriveCommand,
-    DriveGoals,
-    EndRun,
-    LoggedCommand,
-    command_target,
-    parse_command,
-)
+from rnc_pin.applications.drive import commands
+from rnc_pin.applications.drive.commands import DriveCommand, DriveGoals
 from rnc_pin.applications.drive.controller import drive_state_of
 from rnc_pin.applications.drive.controls import DriveControls
 from rnc_pin.applications.drive.preparation import PreparedDrive
@@ -55,11 +49,11 @@ class CommandQueue:
     def put(self, message: object) -> bool:
         """Check a message and put its command into the queue. Return False if it is refused."""
         try:
-            command = parse_command(message, self._controls)
+            command = commands.parse_command(message, self._controls)
         except RncError as error:
             self.refused = printable(str(error))
             return False
-        target = command_target(command)
+        target = commands.command_target(command)
         with self._lock:
             if target not in self._waiting and len(self._waiting) >= _WAITING:
                 self.refused = "too many commands in one sample"
@@ -227,8 +221,8 @@ def drive(
             for sample in count():
                 if clock is not None:
                     clock.wait(run.time)
-                commands = [] if queue is None else queue.take()
-                prepared.log.extend(LoggedCommand(sample, command) for command in commands)
+                given = [] if queue is None else queue.take()
+                prepared.log.extend(commands.LoggedCommand(sample, command) for command in given)
                 found = run.sample(progress)
                 if watcher is not None:
                     # Not in each sample: a status costs kinematics, and nobody reads a hundred in a second.
@@ -236,7 +230,7 @@ def drive(
                     due = found.time + _STATUS if is_due else due
                     watcher.show(found, _status(prepared, run, found, queue, clock) if is_due else None)
                 # Before the plant moves: the record ends at the sample of the command.
-                if any(isinstance(each, EndRun) for each in commands) or sample + 1 == samples:
+                if any(isinstance(each, commands.EndRun) for each in given) or sample + 1 == samples:
                     break
                 run.advance()
             return run.failure

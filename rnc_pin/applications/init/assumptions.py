@@ -19,7 +19,6 @@ from rnc_pin.applications.init.evidence import (
     DraftDecision,
     DriveEvidence,
     effort_limit,
-    is_revolute,
     range_of_motion,
 )
 from rnc_pin.applications.init.robot_at_start import INDEPENDENT, SAME
@@ -305,7 +304,7 @@ def _step(robot: Robot, name: str, value: float) -> float:
     above, below = high - value, value - low  # both infinite without limits
     slid = 0.05  # displacement of the reference of a prismatic joint [m]
     # A third of the way to the farther limit leaves room for the overshoot.
-    length = max(min(BENT if is_revolute(robot, name) else slid, 0.3 * max(above, below)), 0.0)
+    length = max(min(BENT if robot.single_joint(name).unit == "rad/s" else slid, 0.3 * max(above, below)), 0.0)
     return round(length if above >= (1 - SAME) * below else -length, 4)
 
 

@@ -192,16 +192,6 @@ def effort_limit(robot: Robot, name: str) -> float:
     return float(robot.model.upperEffortLimit[robot.velocity_indices(name).start])
 
 
-def is_revolute(robot: Robot, name: str) -> bool:
-    """True if a joint with one degree of freedom is revolute, False if it is prismatic.
-
-    Args:
-        robot: the robot.
-        name: name of the joint.
-    """
-    return robot.velocity_units[robot.velocity_indices(name).start] == "rad/s"
-
-
 _ONLY_READS = re.compile("state_?publisher|p3d|odometry_?publisher", re.IGNORECASE)
 
 

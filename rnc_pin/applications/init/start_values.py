@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.applications.init.assumptions import ChosenOutputs, Entry
-from rnc_pin.applications.init.evidence import effort_limit, is_revolute, joint_limits, joint_range
+from rnc_pin.applications.init.evidence import effort_limit, joint_limits, joint_range
 from rnc_pin.applications.scenario.schema.scenario import constraint_of, output_of
 from rnc_pin.errors import RncError
 from rnc_pin.io import Json
@@ -262,7 +262,7 @@ def _smallest_eigenvalue(robot: Robot, start: Mapping[str, float]) -> float:
 def _aside(robot: Robot, name: str, value: float) -> float:
     """Value of a joint near a given one, within its limits."""
     low, high = joint_limits(robot, name)
-    step = min(0.6 if is_revolute(robot, name) else 0.1, (high - low) / 4)  # [rad] or [m]
+    step = min(0.6 if robot.single_joint(name).unit == "rad/s" else 0.1, (high - low) / 4)  # [rad] or [m]
     return round(value + (step if value + step < high else -step), 4)
 
 
@@ -334,7 +334,7 @@ def _loads(robot: Robot, start: Mapping[str, float], limits: Mapping[str, float]
 
 def _values_around(robot: Robot, name: str, value: float) -> list[float]:
     """Values of a revolute joint within its limits; the weight on a slide does not depend on its own position."""
-    if not is_revolute(robot, name):
+    if robot.single_joint(name).unit != "rad/s":
         return [value]
     low, high = _inner_range(robot, name)
     ends = max(low, value - np.pi), min(high, value + np.pi)
