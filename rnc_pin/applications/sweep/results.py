@@ -26,16 +26,8 @@ import numpy as np
 
 from rnc_pin.applications.scenario.files import find_scenario, is_built_in, one_line_yaml, read_yaml
 from rnc_pin.applications.scenario.output_folder import lock_folder, one_line_errors
-from rnc_pin.applications.sweep.runs import (
-    MOST_DRAWS,
-    TEXTS,
-    Row,
-    SeededDraws,
-    drawn_values,
-    is_number_column,
-    is_result_column,
-    with_options_of_sweeps,
-)
+from rnc_pin.applications.sweep import runs
+from rnc_pin.applications.sweep.runs import Row, SeededDraws
 from rnc_pin.errors import ConfigurationError, InputError, place_of, short_text
 from rnc_pin.io import LARGEST, TEMPORARY_PREFIX, Json, atomic_file, dump_json, open_regular, read_bytes
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin, counted
@@ -61,7 +53,7 @@ def read_rows(folder: Path, specification: Specification) -> Iterator[Row]:
     Raises:
         ConfigurationError: the file cannot be read, or a line is not the row of a run of this sweep, with its draw.
     """
-    path, runs, draws = folder / RUNS, specification["runs"], specification.get("draws")
+    path, count, draws = folder / RUNS, specification["runs"], specification.get("draws")
     seeded = SeededDraws.of(draws["distributions"], draws["seed"]) if draws else None
     number, seen = 0, set()
     try:
@@ -71,7 +63,7 @@ def read_rows(folder: Path, specification: Specification) -> Iterator[Row]:
                 number += 1
                 if line.endswith(b"\n"):
                     row = json.loads(line)
-                    _check_row(row, _MOST if runs is None else runs)
+                    _check_row(row, _MOST if count is None else count)
                     if seeded is not None:
                         _check_draw(row, seeded)
                     if row["run"] in seen:
@@ -86,29 +78,29 @@ def read_rows(folder: Path, specification: Specification) -> Iterator[Row]:
         raise ConfigurationError(f"{path}: line {number} is not the row of a run: {error}") from None
 
 
-def _check_row(row: object, runs: int) -> None:
+def _check_row(row: object, count: int) -> None:
     """Raise ValueError unless JSON content is the row of one of so many runs."""
     if not isinstance(row, dict):
         raise ValueError(f"expected a mapping, found {short_text(row)}")
     run = row.get("run")
     # Not isinstance: True is an integer for Python.
-    if type(run) is not int or not 0 <= run < runs:
-        raise ValueError(f"run: expected a number from 0 to {runs - 1}, found {short_text(run)}")
-    for name in TEXTS:
+    if type(run) is not int or not 0 <= run < count:
+        raise ValueError(f"run: expected a number from 0 to {count - 1}, found {short_text(run)}")
+    for name in runs.TEXTS:
         if not isinstance(row.get(name), str):
             raise ValueError(f"{name}: expected text, found {short_text(row.get(name))}")
     for name, value in row.items():
         if type(value) is int and abs(value) >= _MOST:
             raise ValueError(f"{name}: {short_text(value)} is too large")
-        if is_number_column(name) and type(value) not in (int, float, type(None)):
+        if runs.is_number_column(name) and type(value) not in (int, float, type(None)):
             raise ValueError(f"{name}: expected a number, found {short_text(value)}")
 
 
 def _check_draw(row: Row, draws: SeededDraws) -> None:
     """Raise ValueError unless the draws of the run are the drawn values of a row."""
     redrawn = row.get("redrawn", 0)
-    if type(redrawn) is not int or not 0 <= redrawn < MOST_DRAWS:
-        raise ValueError(f"redrawn: expected a number from 0 to {MOST_DRAWS - 1}, found {short_text(redrawn)}")
+    if type(redrawn) is not int or not 0 <= redrawn < runs.MOST_DRAWS:
+        raise ValueError(f"redrawn: expected a number from 0 to {runs.MOST_DRAWS - 1}, found {short_text(redrawn)}")
     for name, value in next(islice(draws.of_run(row["run"]), redrawn, None)).items():
         if row.get(name) != value:
             raise ValueError(f"{name}: run {row['run']} of this sweep draws {value}, found {short_text(row.get(name))}")
@@ -280,12 +272,12 @@ def _difference(place: str, old: object, new: object) -> tuple[str, object, obje
 
 def _clean(path: Path, everything: bool) -> None:
     """Delete files of killed sweeps, and with ``everything`` files of an earlier sweep."""
-    runs = path / RUNS
-    if runs.is_symlink() or (runs.exists() and not runs.is_file()):
+    finished = path / RUNS
+    if finished.is_symlink() or (finished.exists() and not finished.is_file()):
         raise ConfigurationError(f"--out {path}: '{RUNS}' is not a sweep's own; choose another folder")
     old = [*path.glob(f"{TEMPORARY_PREFIX}*")]
     if everything:
-        old += [runs, *(path / name for name in REPORTS)]
+        old += [finished, *(path / name for name in REPORTS)]
     for each in old:
         # A link itself, and not what it points to.
         if each.is_file() or each.is_symlink():
@@ -354,7 +346,7 @@ class SweepResults(SummaryMixin):
     @property
     def drawn(self) -> list[str]:
         """Names of the drawn values."""
-        return [name for name in self.columns if not is_result_column(name)]
+        return [name for name in self.columns if not runs.is_result_column(name)]
 
     def __getitem__(self, column: str) -> np.ndarray:
         place_of(column, self.columns, "no column", InputError)
@@ -407,7 +399,7 @@ class SweepResults(SummaryMixin):
         Args:
             run: number of the run.
         """
-        return drawn_values(self.row(run))
+        return runs.drawn_values(self.row(run))
 
     def command(self, run: int | Row) -> str:
         """Return the command that repeats a run of a scenario.
@@ -423,7 +415,7 @@ class SweepResults(SummaryMixin):
         row = self.row(run) if isinstance(run, int) else run
         # The row has its draw and its seed: with these, ``rnc-pin run`` repeats the run alone.
         shared = {key: value for key, value in self.specification["options"].items() if key not in ("sweep", "seed")}
-        options = {**with_options_of_sweeps(shared), **drawn_values(row)}
+        options = {**runs.with_options_of_sweeps(shared), **runs.drawn_values(row)}
         words = [f"--set {shlex.quote(f'{key}={one_line_yaml(value)}')}" for key, value in options.items()]
         return f"rnc-pin run {shlex.quote(self.specification['scenario'])} {' '.join(words)}"
 
@@ -527,7 +519,7 @@ def failure_lines(results: SweepResults, row: Row) -> Iterator[str]:
     if "scenario" in results.specification:
         yield results.command(row)
     else:
-        yield f"{results.of}({json.dumps(drawn_values(row))})"
+        yield f"{results.of}({json.dumps(runs.drawn_values(row))})"
 
 
 def write_reports(results: SweepResults) -> None:
