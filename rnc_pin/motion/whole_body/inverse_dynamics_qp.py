@@ -27,6 +27,7 @@ from rnc_pin.verdict import SHORTFALL, Finding, FindingKind, Severity
 
 _CORRECTIONS = 4  # of the velocity at the end of a sample, each smaller by a factor of order dt
 _BEYOND = 1e-9  # excess over a limit of motion that is rounding
+_DEPENDENT = 1e-4  # singular value of limits that act, relative to the largest, of which none is corrected
 _MOST_STEPS = 64  # Runge-Kutta steps in a sample
 
 
@@ -358,14 +359,14 @@ class InverseDynamicsQP(WholeBodyProgram):
             above, below = (np.where(averaged, 2.0 * mean - each, reached) for each in (rows.upper, rows.lower))
             highest, lowest = np.maximum(reached, above), np.minimum(reached, below)
             if attempt:
-                # What is left is small: the least motion brings the limits that act to their bounds. Tasks lose no more
-                # than that, and a program costs ten times as much.
+                # What is left is small: the least motion brings limits that are as near to their bounds. Tasks lose no
+                # more than that, and a program costs ten times as much.
                 over, under = highest - rows.upper - excess, rows.lower - lowest - excess
                 missing = np.zeros(len(bounds.places))
-                missing[:motions] = np.where(over > under, -over, under)
                 acting = np.array(found.multipliers[:, bounds.places].any(axis=0))
-                acting[:motions] |= beyond > _BEYOND
-                change, *_ = np.linalg.lstsq(bounds.rows[acting], missing[acting], rcond=None)
+                missing[:motions] = np.where(over > under, -over, under)
+                acting[:motions] = np.abs(missing[:motions]) <= least
+                change, *_ = np.linalg.lstsq(bounds.rows[acting], missing[acting], rcond=_DEPENDENT)
                 found = found._replace(unknowns=found.unknowns + change)
                 continue
             expected = rows.jacobian @ (sample.end.R @ program.velocity(found.unknowns) + sample.end.b)
