@@ -27,7 +27,7 @@ from rnc_pin.motion.whole_body.whole_body_program import SampleCount
 
 _KEPT = 2e-7  # [rad, m, and per second] excess over a limit that is an error of the integration
 _REST = 1e-4  # [rad/s, m/s] speed that counts as rest: its inputs remove it within a sample
-_DECISION, _CHECK = 8, 5  # time of a decision, and of a check beside its steps, in Runge-Kutta steps
+_DECISION, _CHECK = 8, 6  # time of a decision, and of a check beside its steps, in Runge-Kutta steps
 _EFFORT = 1800  # of a state of a user, in such steps, so that runs repeat
 _BUDGET, _PACE = 120, 24e3  # of a sample that may follow a kept motion instead: at least, and per second
 _AGAIN = 250  # of a sample without one to follow, about 7 ms: limits that cannot hold are tried again and again

@@ -338,14 +338,14 @@ class InverseDynamicsQP(WholeBodyProgram):
 
         always = self._limits, rest, 0.0
         found = best = solve_within(levels, bounds, *always, multipliers, self._forces, sampled)
-        least, best_end = np.inf, None
+        least, best_end, steps = np.inf, None, 0
         # Mostly the motion is far from all limits: then nothing need be integrated.
         T, v2 = program.efforts(found.unknowns), program.velocity(found.unknowns)
         far = not found.unsolved and self._reduced.evaluator.far_within(
             (state, sample.end), v2, T, sample.time, self.dt, (rows.jacobian, rows.lower, rows.upper)
         )
         for attempt in range(0 if far or found.unsolved or not motions else _CORRECTIONS + 1):
-            end = self._end(state, program.efforts(found.unknowns))
+            end, steps = self._end(state, program.efforts(found.unknowns), steps)  # what one needs, the next ones do
             reached, averaged = rows.jacobian @ end.v, self._limits.averaged[rows.places]
             mean = np.where(averaged, rows.jacobian @ self._mean_velocity(state, end), reached)
             beyond = np.maximum(np.maximum(reached, mean) - rows.upper, rows.lower - np.minimum(reached, mean))
@@ -384,14 +384,15 @@ class InverseDynamicsQP(WholeBodyProgram):
         T = clipped(T, self._reduced.actuation.limits)  # the solver's rounding is no effort
         return InputSolution(T, v2, best.multipliers, best.excess, best_end, best.unsolved)
 
-    def _end(self, state: StateEvaluation, T: Array) -> StateEvaluation:
-        """State at the end of the sample under constant inputs, by as many Runge-Kutta steps as it needs."""
-        (_, coarse), (q, v2) = (self._integrated(state, T, steps) for steps in (1, 2))
-        error = np.abs(v2 - coarse).max(initial=0.0) / 15.0  # of order four: twice the steps leave a sixteenth
-        wanted = np.ceil(2.0 * (error / (DEFAULT_TOLERANCE * self.dt)) ** 0.25)
-        if wanted > 2.0:
-            q, v2 = self._integrated(state, T, int(min(wanted, _MOST_STEPS)))
-        return known_state(self._reduced, q, v2)
+    def _end(self, state: StateEvaluation, T: Array, steps: int = 0) -> tuple[StateEvaluation, int]:
+        """State at the end of the sample under constant inputs, and its Runge-Kutta steps: as many as it needs if 0."""
+        if not steps:
+            (_, coarse), (q, v2) = (self._integrated(state, T, steps) for steps in (1, 2))
+            error = np.abs(v2 - coarse).max(initial=0.0) / 15.0  # of order four: twice the steps leave a sixteenth
+            steps = int(min(np.ceil(2.0 * (error / (DEFAULT_TOLERANCE * self.dt)) ** 0.25), _MOST_STEPS))
+            if steps <= 2:
+                return known_state(self._reduced, q, v2), 2
+        return known_state(self._reduced, *self._integrated(state, T, steps)), steps
 
     def _integrated(self, state: StateEvaluation, T: Array, steps: int) -> tuple[Array, Array]:
         """Configuration and reduced velocity after a sample of a number of Runge-Kutta steps."""
@@ -408,7 +409,7 @@ class InverseDynamicsQP(WholeBodyProgram):
 
     def _reached(self, program: _SampleProgram, found: InputSolution) -> BrakedSample:
         """End of a sample under the inputs of a solution, and the limits that it exceeds."""
-        end = found.end or self._end(program.sample.start, found.T)
+        end = found.end or self._end(program.sample.start, found.T)[0]
         exceeded = np.zeros(len(self.limit_names))
         mean = self._mean_velocity(program.sample.start, end)
         exceeded[: len(self._limits.names)] = self._limits.exceeded(end, program.sample.time, program.rows, mean)

@@ -65,7 +65,7 @@ def test_the_end_of_a_sample_is_as_accurate_as_a_simulation():
     plant.reset(state.q, state.v)
     plant.apply(T)
     plant.advance(dt)
-    end = InverseDynamicsQP(reduced, [tasks.DampingTask()], dt=dt)._end(state, T)
+    end = InverseDynamicsQP(reduced, [tasks.DampingTask()], dt=dt)._end(state, T)[0]
     np.testing.assert_allclose(end.v, plant.read()[1], rtol=0.0, atol=1e-7 * dt)
 
 
