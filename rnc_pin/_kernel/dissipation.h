@@ -1,5 +1,5 @@
 /* Steps of plants with viscous damping and dry friction: the formulas of plants/friction.py and of
-   model/integrators/exponential_runge_kutta.py. Included in kernel.c.
+   model/integrators.py (ExponentialRungeKutta4). Included in kernel.c.
 
    A step declines (0) where the general way has to decide: rows of the user, constraints over time, steps that leave
    the chart, and forces of friction that the inertia does not determine. */

@@ -1,6 +1,6 @@
 /* Evaluation of a reduced model at states: the formulas of rnc_pin/model/, for the kinds of rows that the package has.
 
-   Notation is that of docs/theory: E = [A; J2], E^-1 = [.., R], v = E^-1 [mu; v2], gamma = Edot v - [mudot; 0].
+   Notation, as in state_evaluation.py: E = [A; J2], E^-1 = [.., R], v = E^-1 [mu; v2], gamma = Edot v - [mudot; 0].
    All matrices are stored by rows. A twist or wrench is (linear, angular), about the origin of the world and in its
    axes. Every row of E and J1 is W^T J on one or two frames, where W is a wrench and J the Jacobian of the frame's
    joint; its rate is Wdot^T J + W^T Jdot. Exceptions: constant rows, momenta (rows of M), Ackermann rows, and rows of
@@ -18,7 +18,6 @@
 #include <string.h>
 
 #define AMPLIFIED 1e10 /* amplification of rounding errors above which actuators count as dependent */
-#define STEEP 1e8      /* rates per wanted rate above which A4 counts as singular */
 #define FARTHEST 1e4   /* square of the longest step of the integrator [rad or m] */
 
 #include "rows_generated.h" /* kinds of rows, their formulas, and the sizes of their tables */
@@ -1277,7 +1276,7 @@ static void bracket(long kind, const double *u, const double *x, double *out)
     cross(u + 3, x + 3, out + 3);
 }
 
-/* v -> rate of u where q = q0 (+) u; see runge_kutta.py */
+/* v -> rate of u where q = q0 (+) u; see integrators.py */
 static void coordinate_rates(const Evaluator *ev, const double *u, double *v)
 {
     for (Py_ssize_t j = 0; j < ev->curves; j++) {
@@ -1334,7 +1333,7 @@ static int displace(Evaluator *ev, const double *q, const double *u, double *out
 
 static Py_ssize_t stages_size(const Evaluator *ev) { return 5 * (ev->n + integrated(ev)) + ev->nq; }
 
-/* One step of the method of runge_kutta.py: q and y after a time h. known: kinematics at q, or NULL. rates: mu and
+/* One step of the method of integrators.py: q and y after a time h. known: kinematics at q, or NULL. rates: mu and
    its rates at the begin, the middle and the end of the step, or NULL. rough: grows by the roughness of the step.
    trace: rates of q and y at the begin (n + s), and the displacement (n) from there, or NULL. */
 static int step(Evaluator *ev, const double *T, double h, const double *known, const double *rates, double *q,

@@ -9,7 +9,7 @@ static void turn_back(const double *R, const double *x, double *out) /* R^T x */
 }
 
 enum { BALL_AXIS = 4 };          /* place of the axis of the ground in the numbers of a ball on curved ground */
-static const double LEANS = 0.9; /* as in surface_contact.py */
+static const double LEANS = 0.9; /* as in constraints/rolling_body.py */
 
 /* For a ball on curved ground: the vector from the axis of the ground to the frame, and the direction whose projection
    is the first axis of the contact: the axis of a cylinder; for a sphere x, or y where the normal is near x. */
