@@ -99,18 +99,18 @@ class Columns:
 @printed()
 @dataclass(frozen=True)
 class OutputNames:
-    """Names of the columns of a run's arrays.
+    """Names of the columns of a run's arrays. Files have the names in the order of the fields.
 
     Attributes:
         x1, x2: vertical and reducing outputs.
         T: actuators.
         multipliers: kept constraint rows.
         contact_forces: all constraint rows.
+        q: entries of the configuration.
         v: velocities of the robot.
         friction_used: contacts with friction.
-        normal_forces: contacts with a normal force.
         ground_poses: bodies that move on the ground.
-        q: entries of the configuration.
+        normal_forces: contacts with a normal force.
         T_units: "N" or "N m" per actuator, "" if unknown; empty without names, as the tuples below.
         multipliers_units, contact_forces_units: the same per constraint row.
         q_units, v_units: units of the entries of configuration and velocity, "-" for numbers.
@@ -121,12 +121,12 @@ class OutputNames:
     T: tuple[str, ...] = ()
     multipliers: tuple[str, ...] = ()
     contact_forces: tuple[str, ...] = ()
+    q: tuple[str, ...] = ()
     v: tuple[str, ...] = ()
     friction_used: tuple[str, ...] = ()
-    normal_forces: tuple[str, ...] = ()
     ground_poses: tuple[str, ...] = ()
+    normal_forces: tuple[str, ...] = ()
     T_units: tuple[str, ...] = ()
-    q: tuple[str, ...] = ()
     multipliers_units: tuple[str, ...] = ()
     contact_forces_units: tuple[str, ...] = ()
     q_units: tuple[str, ...] = ()
@@ -391,10 +391,6 @@ class _ColumnNames:
     quasi: Mapping[str, tuple[Flag, ...]] = field(default_factory=dict)
 
 
-_WITH_UNITS = ("T", "multipliers", "contact_forces", "q", "v")
-_OTHER_ARRAYS = (*_WITH_UNITS, "friction_used", "ground_poses", "normal_forces")
-
-
 def provenance_of(meta: Provenance | Mapping[str, Json] | None) -> Provenance:
     """Return the origin of a run from the argument ``meta`` of a simulation; also from ``meta`` of another run.
 
@@ -417,6 +413,11 @@ def provenance_of(meta: Provenance | Mapping[str, Json] | None) -> Provenance:
 
 def _names(record: DataclassInstance | type[DataclassInstance]) -> list[str]:
     return [each.name for each in fields(record)]
+
+
+# Of the fields: a name without its array here would be lost on the way through a file, without an error.
+_OTHER_ARRAYS = [name for name in _names(OutputNames) if name not in ("x1", "x2") and not name.endswith("_units")]
+_WITH_UNITS = [name for name in _OTHER_ARRAYS if f"{name}_units" in _names(OutputNames)]
 
 
 @cache
