@@ -4,9 +4,9 @@ import sys
 
 _WITHOUT_PICTURES = """
 from rnc_pin.applications.command_line.cli import main
-from rnc_pin.applications.command_line import run
+from rnc_pin.applications.command_line import report
 from rnc_pin.applications.scenario.execution import Drawn
-run.draw_pictures = lambda *_: Drawn()
+report.draw_pictures = lambda *_: Drawn()
 main()
 """
 UNDRAWN = [sys.executable, "-c", _WITHOUT_PICTURES]
