@@ -24,8 +24,8 @@ _FAMILIES = {
 
 
 @dataclass(frozen=True)
-class BaseKind:
-    """Kind of base."""
+class DraftedBase:
+    """Kind of base of a draft."""
 
     base: str  # "fixed", "planar", "free", or "file" for the base of the file
     family: str  # e.g. "skid-steered"; the draft's own words if none is known
@@ -57,13 +57,13 @@ def kind_words(draft: str) -> str:
     return next((each for each in comments(draft) if each.startswith("base ")), "")
 
 
-def base_kind(draft: str, urdf: str) -> BaseKind:
+def base_kind(draft: str, urdf: str) -> DraftedBase:
     """Return the kind of base of a draft for a URDF."""
     words, content = kind_words(draft), yaml.safe_load(draft)
     rolling = _rolling(content)
     counted = re.search(r"(\d+) (?:\w+ )?wheels?\b", words)
     towed = re.search(r"with (\d+) trailer", words)
-    return BaseKind(
+    return DraftedBase(
         content["robot"].get("base", "file"), _family(words), int(towed[1]) if towed else 0,
         int(counted[1]) if counted else len(rolling), len(_of_base(content, urdf)),
     )  # fmt: skip
