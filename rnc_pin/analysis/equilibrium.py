@@ -73,7 +73,7 @@ def equilibrium(
     """Find the equilibrium or the steady motion nearest to a guess.
 
     At rest ``G(q) = input_matrix(q) T`` holds, and the holonomic rows are satisfied. In a steady motion ``v2`` is
-    constant and no shape variable moves: the velocity is a combination of symmetries, found by ``analysis.symmetry``.
+    constant and no shape variable moves: the velocity is a combination of symmetries, found by ``find_symmetries``.
     Examples are the hitch angles of a vehicle in a circle, and the lean of a turning pendulum. With affine constraints,
     as on a table that turns at a given rate, a motion with ``v2 = 0`` is steady too.
 
@@ -499,7 +499,7 @@ def _scaled(changes: np.ndarray) -> np.ndarray:
 
 
 def _null_space(rows: np.ndarray) -> np.ndarray:
-    """Orthonormal basis of the directions without changes above ``_UNCHANGED``."""
+    """Orthonormal basis of the directions whose changes are below ``unchanged``."""
     # Rows of zeros make the matrix tall: all right singular vectors have a value then.
     _, values, right = np.linalg.svd(np.vstack([rows, np.zeros((rows.shape[1], rows.shape[1]))]))
     unchanged = 1e-6  # zero limit, relative to the largest change along any direction

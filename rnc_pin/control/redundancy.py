@@ -29,6 +29,10 @@ class RedundancyController(DescribedMixin):
     theirs. The paper uses feedforward only, ``v21d = x21d_dot``. Then x21 drifts with the errors of the inner loop;
     ``k21`` closes that loop (0 is the paper).
 
+    Default gains come from ``gain_design.OuterGains``. ``simulation.preflight`` rolls the law out with them, while
+    scenario files choose their own (``scenario/controllers/tracking.py``). ``simulation.batch`` calls ``step`` with a
+    leading axis of runs.
+
     Reads from the measurement: ``x1, x2, v1, v2, A_star, A_star_dot``, and ``v1_offset`` with affine constraints.
 
     Args:

@@ -3,8 +3,10 @@
 The kernel evaluates one state or a loop of states into records. It declines if a row is undefined, E is singular, or
 other constraint rows have to be considered. ``evaluator_for`` compares it with the formulas when a reduction is made.
 Only the function that has a formula sees that the kernel declined: here and in ``reduced_model`` for evaluations, in
-``integrators`` for steps, in ``analysis.derivatives`` for derivatives, and in ``motion.planning.action_models`` for
-planned steps.
+``integrators`` and ``plants.friction`` for steps, in ``simulation.batch`` for runs side by side (the others go on
+alone), in ``analysis.derivatives`` for derivatives, in ``motion.planning.action_models`` for planned steps, and in
+``motion.optimal.verification`` for the steps of a whole plan. Functions of ``_kernel.library`` need no reduction: those
+who call them have the formula beside the call.
 """
 
 from __future__ import annotations

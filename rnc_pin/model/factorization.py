@@ -2,9 +2,15 @@
 
 R is the last r columns of ``E^-1``. A state is singular if E stays singular with the best rows: the outputs do not
 parametrise the motion there. This is no error yet. ``ConfigurationEvaluation.E_inverse`` raises ``SingularityError``
-for whoever needs R. A run on a ``ReducedPlant`` of the controller's own model, without faults, then ends with
-``Outcome.SINGULAR``; other loops give a safe command to the end, which the verdict names ``fallback``. Undefined rows
-raise the same error at once (``rows.check_defined``). The compiled kernel declines singular and doubtful states.
+for whoever needs R. Others raise it too: ``rows.check_defined`` at once for undefined rows, a control loop below its
+``min_singular_value``, ``control.redundancy`` where A4 is singular, and ``control.slithering`` where the driven path
+bends too tightly. The compiled kernel declines singular and doubtful states.
+
+A run on a ``ReducedPlant`` of the controller's own model, without faults, raises the error. Its outcome is
+``SINGULAR``, and its verdict has the finding ``singular``. ``sampled_run.complete_run`` leaves the samples so far in
+``error.trajectory``; ``Scenario.simulated``, sweeps, drives and batches keep them as a result. On any other plant, the
+loop gives its safe command to the end, unless its ``fallback`` is "raise". Nothing is raised then: the outcome is
+``FAILED``, with the findings ``ended_early`` and ``fallback``.
 """
 
 from __future__ import annotations

@@ -175,8 +175,9 @@ class Actuation:
                         "use FrameForce and FrameTorque on the link that it moves"
                     )
                 self._constant[index.start, column] = 1.0
+                # Zero is no limit here: nothing is clipped to it. For the verdict it can be a limit (limit_replay).
                 limit = float(robot.model.upperEffortLimit[index.start])
-                self.limits[column] = limit if 0 < limit < NO_LIMIT else np.inf  # 0: the URDF gives no limit
+                self.limits[column] = limit if 0 < limit < NO_LIMIT else np.inf
                 names.append(actuator)
                 slides = robot.model.joints[robot.joint_id(actuator)].shortname().startswith("JointModelP")
                 units.append("N" if slides else "N m")

@@ -396,7 +396,9 @@ class ConstrainedDynamics:
         return None if self.damping is None else -self.damping * state.v
 
     def saturate(self, T: np.ndarray) -> np.ndarray:
-        """Inputs clipped to the actuator limits.
+        """Inputs clipped to the actuator limits; T itself without ``actuator_limits``.
+
+        Those who hold inputs call this: ``ReducedPlant``, ``SlidingPlant``, ``simulation.batch`` and ``free_motion``.
 
         Args:
             T: actuator inputs (..., p).

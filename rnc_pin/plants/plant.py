@@ -83,8 +83,10 @@ class Plant(Protocol):
     Configurations and velocities are those of the loaded robot, in Pinocchio's order and conventions. Velocities are
     those of the plant and need not satisfy the constraints. Any object with these four methods is a plant.
 
-    A plant clips inputs to what its actuators give. In ``simulate`` nobody does it before, so that controllers learn
-    what is missing; a ``ControlLoop`` for a real robot clips to the limits of its file.
+    By default, nobody clips inputs in ``simulate``. ``ReducedPlant`` and plants with contacts do it with
+    ``actuator_limits``, MuJoCo's with ``effort_limits``, and faulty plants at the fault ``effort``. They report what
+    they applied, so that controllers learn what is missing. The verdict compares the applied inputs of the record with
+    the limits (``limit_replay._efforts``). A ``ControlLoop`` for a real robot clips to the limits of its file.
     A plant that knows more has a fifth method, ``report()``: it returns a ``PlantReport`` at any time after ``reset``,
     without an error. A plant with velocity servos has ``takes_velocities = True``: its inputs are velocities
     ``u = B^T v`` of the actuators, and it reports their ``effort``.

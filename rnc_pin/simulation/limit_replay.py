@@ -351,7 +351,7 @@ def _efforts(robot: Robot, run: RunData, others: Mapping[str, float]) -> Iterato
         place = robot.velocity_indices(name)
         limit = float(limits[place.start])
         # A limit of zero counts if the file lets the joint move: a passive joint. Files without limits have zeros
-        # everywhere.
+        # everywhere. Plants and programs clip to no limit of zero (``Actuation.limits``), so a run can exceed it.
         is_stated = limit > 0 or (limit == 0 and len(stated) > 0 and robot.model.upperVelocityLimit[place.start] > 0)
         if place.stop - place.start == 1 and is_stated and limit < NO_LIMIT:
             # An excess over zero has no share of its own limit.

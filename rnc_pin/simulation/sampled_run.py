@@ -369,6 +369,8 @@ class Progress:
 def complete_run(advance: Callable[[Progress], str | None], finish: Finish) -> Trajectory:
     """Run to the end and return the trajectory; Ctrl-C ends the run early.
 
+    It writes no file: the result folder of a scenario is written by ``applications/scenario/execution.write``.
+
     Args:
         advance: the whole run; returns the reason if it failed without an error.
         finish: function from the outcome and its reason to the trajectory so far.

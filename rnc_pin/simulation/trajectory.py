@@ -46,7 +46,7 @@ class Trajectory(RunData, SummaryMixin):
 
         Runs of ``simulate`` and ``free_motion`` are judged by the limits of the robot's file, by distances between its
         links, by contacts and by the commands of the loop. Runs of scenarios are also judged by their goals and
-        obstacles. ``save`` writes it too.
+        obstacles, by ``judged_summary`` in ``applications/scenario/simulated_run.py``. ``save`` writes it too.
 
         Raises:
             ConfigurationError: the run is from a file, and nothing could judge it before it was saved.

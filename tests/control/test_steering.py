@@ -1,4 +1,4 @@
-"""Class 2s: backstepping of the fire truck's rear steering (section 4.3); class 2."""
+"""Class 2s: backstepping of the fire truck's rear steering (section 4.3)."""
 
 from types import SimpleNamespace
 

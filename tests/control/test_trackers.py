@@ -1,4 +1,4 @@
-"""Controllers (8)-(9) in rate-free form, (10) and (12): what the lemmas promise, in own loops as in simulations."""
+"""Controllers (8)-(9) in rate-free form, and (10): what the lemmas promise, in own loops as in simulations."""
 
 from dataclasses import replace
 

@@ -49,7 +49,8 @@ class InverseDynamicsState(NamedTuple):
     braking: BrakingState = BrakingState()
     """Verified braking motion, samples that brake, and samples without a verified braking motion."""
     unsolved: SampleCount = SampleCount()
-    """Samples whose program was not solved: they follow the kept braking motion, keep limits alone, or come to rest."""
+    """Samples whose program was not solved: they keep limits alone (``task_hierarchy.solve_within``), or come to rest
+    (``otherwise`` there). ``Braking.decide`` may replace either by the kept braking motion."""
 
 
 class _SampleProgram(NamedTuple):
