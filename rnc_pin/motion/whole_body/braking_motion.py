@@ -161,14 +161,14 @@ class Braking:
 
         1. Unverified: no motion is kept, and an attempt near this state and time was in vain.
         2. Planned: a braking motion from the end of the program's sample is verified, and is kept from now on.
-        3. Eased: the same, after a sample that braked. It is a part of the way from the last inputs to the program's.
+        3. Eased: the same in place of 2 for some samples after one that braked; a part of the way back to the program.
         4. Unverified: limits ask for motion, or nothing is kept and the budget is used up.
         5. Kept: the next sample of the kept motion, if the robot is where that motion begins.
         6. New: the first sample of a braking motion from the present state. If that one is not verified, it is
            executed only where a motion was kept, which the robot has left, and it counts as unverified.
         7. Unverified: there is no such motion, or its sample exceeds a limit.
 
-        An unverified sample is the planned one, except in 6, and nothing is kept after it.
+        In 1, 4 and 7 the sample is the planned one, and nothing is kept after it.
 
         Args:
             start: state at its start.
