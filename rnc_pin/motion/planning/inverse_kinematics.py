@@ -455,7 +455,8 @@ def _step(at: Residuals, damping: float, low: np.ndarray, high: np.ndarray) -> t
         rank = int((values > _DEPENDENT * max(values[0], 1e-300)).sum())
         first, basis = -right[:rank].T @ ((left[:, :rank].T @ at.h) / values[:rank]), right[rank:].T
     J = at.J @ basis
-    root = np.linalg.cholesky(J.T @ J + damping * np.eye(J.shape[1]))
+    # Of rows, not of their squares: those of long robots would lose the damping to rounding.
+    root = np.linalg.qr(np.vstack([J, np.sqrt(damping) * np.eye(J.shape[1])])).R.T
     rows, wanted = np.linalg.solve(root, basis.T).T, np.linalg.solve(root, J.T @ (at.e - at.J @ first))
     found = nearest_point(wanted, rows, low - first, high - first)
     # Equalities that lead beyond the bounds: as far as the bounds let each entry go.

@@ -46,6 +46,19 @@ def test_a_two_link_arm_bends_as_the_law_of_cosines_says():
         assert not result.q.flags.writeable
 
 
+def test_a_long_arm_of_many_joints_reaches():
+    """Beside the squares of its levers, the damping of a step is lost to rounding."""
+    model, generator = pin.Model(), np.random.default_rng(0)
+    for k in range(12):
+        at = [2.0, 0.0, 0.0] if k else None
+        add_body(model, f"joint_{k}", "RY" if k % 2 else "RZ", 1.0, k, at=at, frame=f"link_{k}")
+    reduced = rnc.NonholonomicSystem(rnc.Robot(model)).reduce()
+    for _ in range(5):
+        q0, q = generator.uniform(-1.0, 1.0, (2, 12))
+        goal = reduced.at(q).position.placement(reduced.robot.frame_id("link_11")).translation
+        assert rnc.solve_ik(reduced, q0, {rnc.FramePosition("link_11"): goal}).converged
+
+
 def test_no_joint_makes_a_full_turn_from_the_start():
     reduced = arm()
     q0 = reduced.robot.configuration({"joint_1": 20.0, "joint_2": -7.0})
