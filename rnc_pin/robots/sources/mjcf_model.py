@@ -400,7 +400,8 @@ class MjcfGeometry:
         self._assets = assets
         self._models = {kind: pin.GeometryModel() for kind in ("visual", "collision")}
         """Shapes of each kind, with a sphere in place of each mesh."""
-        self._meshes: dict[str, tuple[str, np.ndarray]] = {}
+        self._meshes: dict[str, dict[int, tuple[str, np.ndarray]]] = {kind: {} for kind in self._models}
+        """Of each kind, the meshes by the index of their shape: names may repeat."""
         for k in range(compiled.ngeom):
             if compiled.geom_type[k] in (*_SHAPES, _MESH):
                 self._add(compiled, k, built)
@@ -411,10 +412,10 @@ class MjcfGeometry:
         Raises:
             ModelError: a mesh cannot be used.
         """
-        geometry = self._models[kind].copy()
-        names = [shape.name for shape in geometry.geometryObjects if shape.name in self._meshes]
-        meshes = self._assets.load([self._meshes[name] for name in names])
-        mesh_formats.put_in(geometry, dict(zip(names, meshes, strict=True)))
+        geometry, places = self._models[kind].copy(), self._meshes[kind]
+        for place, mesh in zip(places, self._assets.load([*places.values()]), strict=True):
+            shape = geometry.geometryObjects[place]
+            shape.geometry, shape.meshPath, shape.meshScale = mesh.shape, mesh.file, mesh.scale
         return geometry
 
     def _add(self, compiled: mujoco.MjModel, k: int, built: ModelBuilder) -> None:
@@ -425,9 +426,9 @@ class MjcfGeometry:
         )
         place = carrier.placement * pose(compiled.geom_pos[k], compiled.geom_quat[k])
         shape = coal.Sphere(1.0)
-        if compiled.geom_type[k] == _MESH:  # MuJoCo rotates meshes to their principal axes
+        is_mesh = compiled.geom_type[k] == _MESH
+        if is_mesh:  # MuJoCo rotates meshes to their principal axes
             place = place * pose(compiled.mesh_pos[mesh], compiled.mesh_quat[mesh]).inverse()
-            self._meshes[name] = compiled.mesh(mesh).name, np.array(compiled.mesh_scale[mesh])
         else:
             shape = _SHAPES[compiled.geom_type[k]](np.array(compiled.geom_size[k]))
         collision_only = 3  # groups from here on are not drawn if they collide, as Pinocchio has it
@@ -441,4 +442,6 @@ class MjcfGeometry:
         color, file = np.round(color.astype(float), 6), type(shape).__name__.upper()  # named as Pinocchio names shapes
         made = pin.GeometryObject(name, carrier.joint, carrier.frame, place, shape, file, np.ones(3), False, color)
         for kind in kinds:
-            self._models[kind].addGeometryObject(made)
+            index = self._models[kind].addGeometryObject(made)
+            if is_mesh:
+                self._meshes[kind][index] = compiled.mesh(mesh).name, np.array(compiled.mesh_scale[mesh])
