@@ -104,6 +104,9 @@ class EstimatedModel(ReducedModel):
         True
     """
 
+    def __setattr__(self, name: str, value: object) -> None:
+        object.__setattr__(self, name, value)  # ``use`` changes the model
+
     def __init__(self, reduced: ReducedModel, make_copy: Callable[[], ParametrizedCopy]) -> None:
         self._reduced, self._make_copy, self._copies = reduced, make_copy, list[_OwnedCopy]()
         self._scales: Array | None = None

@@ -90,6 +90,12 @@ class ReducedModel(SummaryMixin):
         self.assembly, self.dropped_rows = assembly, tuple(dropped_rows)
         self._validator = ConfigurationValidator(data.robot)
 
+    def __setattr__(self, name: str, value: object) -> None:
+        # Evaluations, controllers and plants would not follow.
+        if "_validator" in vars(self):
+            raise AttributeError(f"'{name}' of a ReducedModel is read-only: reduce the system anew")
+        super().__setattr__(name, value)
+
     # ------------------------------------------------------------------ one evaluation
 
     @overload

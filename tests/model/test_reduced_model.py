@@ -72,3 +72,8 @@ def test_chaplygin_sleigh(state):
     assert_matches(reduced.forward_dynamics(q, v2, np.zeros(2)), expected["vdot_zero_input"])
     assert_matches(np.abs(reduced.multipliers(q, v2, T)), np.abs(state["lambda"]))  # rows are defined up to sign
     assert_matches(reduced.energy(q, v2), state["kinetic_energy"])
+
+
+def test_what_a_model_is_made_of_is_read_only():
+    with pytest.raises(AttributeError, match="'r' of a ReducedModel is read-only: reduce the system anew"):
+        space_robot().r = 2
