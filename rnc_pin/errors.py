@@ -367,7 +367,7 @@ def check_known(word: object, valid: Iterable[object], what: str, error: type[Rn
         error: class of the error; by default ``ConfigurationError``.
     """
     choices = list(valid)
-    if word not in choices:
+    if not isinstance(word, str) or word not in choices:  # an array has no truth value
         raise error(f"{what} '{word}' is not known{nearest(str(word), map(str, choices))}")
 
 

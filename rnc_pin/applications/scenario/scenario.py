@@ -145,9 +145,10 @@ class Scenario(SummaryMixin):
     @nothing_to_keep()
     def model(self) -> BuiltModel:
         """System and reduced model, with the warnings about them."""
+        content = self.content  # its errors have the label already
         with RncError.at(self._label), builder.collected_model_warnings(self.show_warnings) as told:
-            system = builder.build_system(self.content, self.folder)
-            reduced = self.content.reduced(system)
+            system = builder.build_system(content, self.folder)
+            reduced = content.reduced(system)
         return BuiltModel(system, reduced, tuple(told))
 
     @cached_property

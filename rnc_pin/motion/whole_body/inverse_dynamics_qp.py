@@ -390,7 +390,7 @@ class InverseDynamicsQP(WholeBodyProgram):
         if not steps:
             (_, coarse), (q, v2) = (self._integrated(state, T, steps) for steps in (1, 2))
             error = np.abs(v2 - coarse).max(initial=0.0) / 15.0  # of order four: twice the steps leave a sixteenth
-            steps = int(min(np.ceil(2.0 * (error / (DEFAULT_TOLERANCE * self.dt)) ** 0.25), _MOST_STEPS))
+            steps = int(min(_MOST_STEPS, np.ceil(2.0 * (error / (DEFAULT_TOLERANCE * self.dt)) ** 0.25)))
             if steps <= 2:
                 return known_state(self._reduced, q, v2), 2
         return known_state(self._reduced, *self._integrated(state, T, steps)), steps
