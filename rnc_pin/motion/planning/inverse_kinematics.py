@@ -412,10 +412,9 @@ def descend(
         q: start (nq,).
         progress: relative decrease of the squared error below which a step counts as stalled.
     """
-    here, factor, stalls = evaluate(q), 1.0, 0
-    steps = 0
+    here, factor, stalls, steps = evaluate(q), 1.0, 0, 0
     merit = _merit(here)
-    while steps < _STEPS and merit > _EXACT**2 and stalls < _STALLS:
+    while steps < _STEPS and merit > _EXACT**2 and stalls < _STALLS and factor <= _MOST:
         steps += 1
         low, high = bounds.room(q)
         damping = factor * max(_DAMPING * float(here.e @ here.e), _LEAST)
@@ -425,8 +424,11 @@ def descend(
         dq *= min(1.0, _LONGEST / max(float(np.abs(dq).max(initial=0.0)), 1e-300))
         # Steps keep to the bounds by themselves; rounding may pass them by an ulp.
         ahead_q = bounds.clip(pin.integrate(bounds.model, q, dq))
-        ahead = evaluate(ahead_q)
-        after = _merit(ahead)
+        try:
+            ahead = evaluate(ahead_q)
+            after = _merit(ahead)
+        except SingularityError:  # outputs are not defined there: a shorter step is tried
+            after = np.inf
         descent_rounding = 1e-14  # relative change of the squared error that rounding hides
         # Near a minimum beyond reach, rounding hides the decrease: only the gradient still shows progress.
         if after <= (1.0 + descent_rounding) * merit:
@@ -436,8 +438,6 @@ def descend(
         else:
             stalls += 1
             factor *= 8.0
-            if factor > _MOST:
-                break
     return Descent(q, float(np.linalg.norm(here.e)), float(np.abs(here.h).max(initial=0.0)), steps)
 
 
