@@ -246,14 +246,15 @@ def at_pose(reduced, x, y, yaw=0.0, **joints):
 
 def knife_box(length=0.6, width=0.6):
     """A box with a knife edge in its middle."""
-    robot = with_shape(rnc.Robot.from_urdf("unicycle.urdf", base="planar"), "axle", coal.Box(length, width, 0.2))
+    unicycle = rnc.Robot.from_urdf("unicycle.urdf", base="planar")
+    robot = with_shape(unicycle, "axle", coal.Box(length, width, 0.2), joint=1)
     return rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
 
 
-def with_shape(robot, name, shape, place=None):
-    """The robot with a shape as its outline, on a frame."""
+def with_shape(robot, name, shape, place=None, joint=None):
+    """The robot with a shape as its outline, on a frame or, where this spins, on another joint in its place."""
     geometry, frame = pin.GeometryModel(), robot.model.getFrameId(name)
-    joint, place = robot.model.frames[frame].parentJoint, place or pin.SE3.Identity()
+    joint, place = joint or robot.model.frames[frame].parentJoint, place or pin.SE3.Identity()
     geometry.addGeometryObject(pin.GeometryObject(f"{name}_0", joint, frame, place, shape))
     return rnc.Robot(robot.model, collision_model=geometry)
 

@@ -316,7 +316,8 @@ def test_each_shortcut_makes_a_way_faster_by_a_thousandth_at_least():
 @pytest.mark.parametrize("base", ["planar", "free"])
 def test_states_of_the_search_are_configurations(base):
     """Each kind of joint in its own subspace, and back."""
-    model = with_shape(rnc.Robot.from_urdf("unicycle.urdf", base=base), "axle", coal.Box(0.2, 0.2, 0.2)).model.copy()
+    box, unicycle = coal.Box(0.2, 0.2, 0.2), rnc.Robot.from_urdf("unicycle.urdf", base=base)
+    model = with_shape(unicycle, "axle", box, joint=1).model.copy()
     for kind in ("RUBZ", "Spherical", "FreeFlyer", "RX", "PY"):
         add_body(model, kind, kind, 1.0, 1, com=(0.2, 0, 0), moments=0.05)
     model.lowerPositionLimit[-1], model.upperPositionLimit[-1] = -0.3, 0.4
