@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from typing import cast
 
 import numpy as np
 import scipy
@@ -14,10 +13,8 @@ from rnc_pin.array_shapes import Array, Bool, Float
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.math.convex_programs import least_shares
 from rnc_pin.model.cached_property import cached_property
-from rnc_pin.model.evaluator import evaluator_for
 from rnc_pin.model.input_validation import Positive, check_positive_settings
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.rows import OutputStack
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.printing import ObjectSummary, SummaryMixin, counted, items
 
@@ -57,9 +54,6 @@ class ContactForceSet:
         self._rows = reduced.all_constraints.size
         # Loads without a row follow from the balance of the whole robot on the plane: they are unknowns of their own.
         self._by_motion = ~self.normal.carried_by_row
-        # With all constraint rows as outputs; made now, as it takes longer than a sample of a controller.
-        rows = cast("OutputStack", reduced.all_constraints)
-        self._measuring = evaluator_for(reduced.reduction_data.measuring(rows), reduced.evaluator)
         places = {each.point: number for number, each in enumerate(self.normal.contacts)}
         self._places = [places.get(each.point) for each in self.contacts]
 
@@ -99,17 +93,16 @@ class ContactForceSet:
         return self.normal.lines(at) if self._by_motion.any() else None
 
     def equations(
-        self, state: StateEvaluation, T: Float[Array, "N p"]
+        self, state: StateEvaluation, rows: Float[Array, "*batch l nv"], T: Float[Array, "N p"]
     ) -> tuple[Float[Array, "M e y"], Float[Array, "N e"]]:
         """Return W and b at states (N,), or at one state (M = 1), under inputs T.
 
         Args:
             state: states (N,), or one state for all inputs.
+            rows: all constraint rows there.
             T: inputs of the actuators [N or N m].
         """
         lines = self._lines(state)
-        # Moving ground is not among the outputs that the kernel measures.
-        rows = state.all_rows if self._reduced.affine else state.configuration.in_reduction(self._measuring).J1
         effects, kept = self._effects(rows.reshape(-1, *rows.shape[-2:]), lines)
         # What constraints have to give for this motion is unique, even if the forces of single contacts are not.
         needed, v_dot = state.forced_motion(T)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -13,7 +13,9 @@ from rnc_pin.array_shapes import Array, Float, Int
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.math.convex_programs import ROUNDING, nearest_point
 from rnc_pin.model.cached_property import cached_property
+from rnc_pin.model.evaluator import evaluator_for
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.rows import OutputStack
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.motion.whole_body.limits.control_limit import (
     BoundLimit,
@@ -70,13 +72,16 @@ class ContactCones:
             names += [f"{self._forces.names[place]} friction"] * (2 if along == 1 else _SIDES)
         self.names = tuple(names)
         self._none = ContactBounds(np.zeros((0, reduced.p)), np.zeros(0), 0)
+        if self.names:  # with all constraint rows as outputs; made now, as it takes longer than a sample
+            rows = cast("OutputStack", reduced.all_constraints)
+            self._measuring = evaluator_for(reduced.reduction_data.measuring(rows), reduced.evaluator)
 
     def at(self, state: StateEvaluation) -> ContactBounds:
         """Return the conditions at one state."""
         p = self._reduced.p
         if not self.names:
             return self._none
-        effects, needed = self._forces.equations(state, np.vstack([np.zeros(p), np.eye(p)]))
+        effects, needed = self._forces.equations(state, self._rows(state), np.vstack([np.zeros(p), np.eye(p)]))
         # Rigid bodies leave some forces undetermined: these become unknowns beside the inputs.
         left, values, right = np.linalg.svd(effects[0])
         rank = int((values > _RANK * values[0]).sum())
@@ -88,7 +93,7 @@ class ContactCones:
 
     def excess(self, states: StateEvaluation, T: Float[Array, "N p"]) -> Float[Array, " k"]:
         """Largest amount by which each condition fails at states (N,) under inputs, for the best forces."""
-        effects, needed = self._forces.equations(states, T)
+        effects, needed = self._forces.equations(states, self._rows(states), T)
         left, values, right = np.linalg.svd(effects)
         counted = values > _RANK * values[:, :1]
         inverses = np.divide(1.0, values, out=np.zeros_like(values), where=counted)
@@ -101,6 +106,11 @@ class ContactCones:
             if free.shape[1] and point is not None:
                 found[number] += free @ point.point
         return np.asarray(found.max(axis=0))
+
+    def _rows(self, state: StateEvaluation) -> Float[Array, "*batch l nv"]:
+        """All constraint rows at states."""
+        # Moving ground is not among the outputs that the kernel measures.
+        return state.all_rows if self._reduced.affine else state.configuration.in_reduction(self._measuring).J1
 
     @cached_property
     def _conditions(self) -> Float[Array, "k y"]:
