@@ -13,7 +13,7 @@ from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, Simu
 from rnc_pin.lab.contacts.friction_impulses import NO_SET, contact_impact, subsets
 from rnc_pin.lab.contacts.sliding_plant import SlidingPlant, SlidingStep
 from rnc_pin.lab.contacts.unilateral_contact import ContactRows, UnilateralContact, bound_contacts, radius_of_gyration
-from rnc_pin.math.linear_algebra import nonnegative
+from rnc_pin.math.linear_algebra import nonnegative, null_space
 from rnc_pin.model.input_validation import numbers_of, own_vector
 from rnc_pin.model.integrators import DEFAULT_TOLERANCE
 from rnc_pin.model.reduced_model import ReducedModel
@@ -395,7 +395,7 @@ class ContactPlant:
             return forces
         dependent = 1e-9  # singular value of the rows that counts as zero, relative to the largest
         # Dependent rows share a load in many ways, as four legs do: another share may push only.
-        return nonnegative(forces, scipy.linalg.null_space(state.all_rows.T, rcond=dependent)[up])
+        return nonnegative(forces, null_space(state.all_rows.T, dependent)[up])
 
     def _least_force(self, closed: Closed | None = None, plant: ReducedPlant | None = None) -> float:
         """Least normal force of closed contacts [N], with a margin for rounding; by default those that are closed."""

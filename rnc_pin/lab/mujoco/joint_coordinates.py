@@ -106,10 +106,8 @@ class BaseCoordinates(JointCoordinates):
 
     def read(self, mujoco: JointState, pinocchio: JointState) -> None:
         self.read_pose(mujoco.q[self.qpos :], pinocchio.q[self.q :])
-        J = self.velocity_map(mujoco.q[self.qpos :])
-        pinocchio.v[self.v : self.v + self.nv] = (
-            mujoco.v[self.dof : self.dof + len(J)] @ J
-        )  # its columns are orthonormal
+        J = self.velocity_map(mujoco.q[self.qpos :])  # its columns are orthonormal
+        pinocchio.v[self.v : self.v + self.nv] = mujoco.v[self.dof : self.dof + len(J)] @ J
 
     def add_force(self, qpos: np.ndarray, force: np.ndarray, applied: np.ndarray) -> None:
         """Add a generalized force of Pinocchio (nv,) to the applied force of MuJoCo.

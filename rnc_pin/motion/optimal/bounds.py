@@ -72,13 +72,8 @@ class NodeBound:
         units: Sequence[str] | None = None,
         remedy: str = "",
     ) -> None:
-        self.quantity, self.names, self.rows, self.of_state, self.remedy = (
-            quantity,
-            tuple(names),
-            rows,
-            of_state,
-            remedy,
-        )
+        self.quantity, self.names, self.rows = quantity, tuple(names), rows
+        self.of_state, self.remedy = of_state, remedy
         self.units = ("",) * len(self.names) if units is None else tuple(units)
         # Infinity by name is a statement too: it takes the place of the limit of the file.
         self.stated = _stated(limits[0], self.names) | _stated(limits[1], self.names)

@@ -258,10 +258,8 @@ class SetPointBound(BoundCost):
         value, x = factor * s, np.concatenate([slopes, np.zeros((*slopes.shape[:2], nodes.model.nw))], axis=2)
         if nodes.model.nw:
             speed = velocity_rows(nodes, True)
-            value, x = (
-                np.concatenate([value, speed.value], axis=1),
-                np.concatenate([x, speed.full(x.shape[2], 0)[0]], axis=1),
-            )
+            value = np.concatenate([value, speed.value], axis=1)
+            x = np.concatenate([x, speed.full(x.shape[2], 0)[0]], axis=1)
         return RowValues(value, x)
 
     def _faded(self, q: Array) -> tuple[Array, Array]:
