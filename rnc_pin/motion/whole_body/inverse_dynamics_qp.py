@@ -115,6 +115,25 @@ class InputSolution(NamedTuple):
     """Reason why the tasks are not solved."""
 
 
+def _onto_bounds(multipliers: Array, bounds: ProgramBounds, away: Array, error: float) -> Array:
+    """Least change of the unknowns that brings limits to their bounds which are nearer than the error.
+
+    The error is small after a correction of the whole program. Tasks lose no more than that, and another program costs
+    ten times as much.
+
+    Args:
+        multipliers: multipliers of all limits (levels, total) of the solution within the bounds.
+        bounds: bounds of motion, of efforts and of the ground; the last two are kept where they act.
+        away: changes of the first rows, limits of motion, that reach their nearer bound.
+        error: largest excess over a limit of motion.
+    """
+    acting, missing = np.array(multipliers[:, bounds.places].any(axis=0)), np.zeros(len(bounds.places))
+    acting[: len(away)] = np.abs(away) <= error
+    missing[: len(away)] = away
+    change, *_ = np.linalg.lstsq(bounds.rows[acting], missing[acting], rcond=_DEPENDENT)
+    return change
+
+
 class InverseDynamicsQP(WholeBodyProgram):
     """Model-based controller within limits: tasks as least squares, limits as inequalities, in the inputs T.
 
@@ -360,14 +379,8 @@ class InverseDynamicsQP(WholeBodyProgram):
             above, below = (np.where(averaged, 2.0 * mean - each, reached) for each in (rows.upper, rows.lower))
             highest, lowest = np.maximum(reached, above), np.minimum(reached, below)
             if attempt:
-                # What is left is small: the least motion brings limits that are as near to their bounds. Tasks lose no
-                # more than that, and a program costs ten times as much.
                 over, under = highest - rows.upper - excess, rows.lower - lowest - excess
-                missing = np.zeros(len(bounds.places))
-                acting = np.array(found.multipliers[:, bounds.places].any(axis=0))
-                missing[:motions] = np.where(over > under, -over, under)
-                acting[:motions] = np.abs(missing[:motions]) <= least
-                change, *_ = np.linalg.lstsq(bounds.rows[acting], missing[acting], rcond=_DEPENDENT)
+                change = _onto_bounds(found.multipliers, bounds, np.where(over > under, -over, under), least)
                 found = found._replace(unknowns=found.unknowns + change)
                 continue
             expected = rows.jacobian @ (sample.end.R @ program.velocity(found.unknowns) + sample.end.b)
