@@ -29,19 +29,14 @@ class Facts(NamedTuple):
 def facts(path):
     nodes = statements(path)
     documented = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef | ast.Module
+    named = (
+        (getattr(node, "name", "module"), ast.get_docstring(node)) for node in nodes if isinstance(node, documented)
+    )
+    imports = [node for node in nodes if isinstance(node, ast.Import | ast.ImportFrom)]
+    modules = [(node.lineno, getattr(node, "module", None) or "") for node in imports]
     return Facts(
-        [
-            (getattr(node, "name", "module"), text)
-            for node in nodes
-            if isinstance(node, documented)
-            if (text := ast.get_docstring(node))
-        ],
-        [
-            (node.lineno, name)
-            for node in nodes
-            if isinstance(node, ast.Import | ast.ImportFrom)
-            for name in (getattr(node, "module", None) or "", *(each.name for each in node.names))
-        ],
+        [(name, text) for name, text in named if text],
+        modules + [(node.lineno, each.name) for node in imports for each in node.names],
         [node.name for node in nodes[0].body if isinstance(node, ast.ClassDef | ast.FunctionDef)],
     )
 

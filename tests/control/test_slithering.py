@@ -24,12 +24,10 @@ def derivatives(f, h):
 def test_a_kingpin_ahead_of_the_tractors_axle_and_a_drawbar_aslant(tmp_path):
     """Straight behind the tractor, the trailer's own x axis is turned by the slant of its drawbar."""
     text = find_urdf("fire_truck.urdf").read_text()
+    axle = '<child link="rear_axle"/>\n    <origin xyz="{} 0"'
     for before, after in (
         ('<child link="trailer"/>\n    <origin xyz="0 0 0"', '<child link="trailer"/>\n    <origin xyz="0.3 0 0"'),
-        (
-            '<child link="rear_axle"/>\n    <origin xyz="-1 0 0"',
-            '<child link="rear_axle"/>\n    <origin xyz="-1.4 0.2 0"',
-        ),
+        (axle.format("-1 0"), axle.format("-1.4 0.2")),
     ):
         assert before in text
         text = text.replace(before, after)

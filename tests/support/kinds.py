@@ -11,6 +11,7 @@ from bodies import add_body, add_frame
 from systems import free_arm
 
 BESIDE = (0.1, -0.2, 0.3)
+JOINTS = [rnc.JointPosition(name) for name in ("rear_wheel", "steer", "front_wheel")]
 CONSTRAINTS = {
     "wheels": [rnc.RollingWheel("rear", 0.3), rnc.RollingWheel("front", 0.3)],
     "roller": [rnc.RollingWheel("front", 0.3, roller=-np.pi / 4)],
@@ -21,15 +22,11 @@ CONSTRAINTS = {
     "point of a wheel": [rnc.LoopClosure("front", "universe", "point", BESIDE)],
     "frame of the world": [rnc.LoopClosure("universe", "rear", "frame", BESIDE, (0.0, 0.1, -0.4), (0.3, -0.5, 1.1))],
     "frame of a wheel": [rnc.LoopClosure("front", "universe", "frame", BESIDE, (0.0, 0.1, -0.4), (0.3, -0.5, 1.1))],
-    "fixed outputs": [
-        rnc.FixedOutput(rnc.FrameYaw("front", "z"), 0.3),
-        rnc.FixedOutput(rnc.JointPosition("steer"), 0.2),
-    ],
+    "fixed outputs": [rnc.FixedOutput(rnc.FrameYaw("front", "z"), 0.3), rnc.FixedOutput(JOINTS[1], 0.2)],
     "gear": [rnc.JointCoupling("front_wheel", "rear_wheel", 0.5), rnc.NoSideSlip("frame", "y")],
 }
 TURNS = [rnc.FrameAngularVelocity("frame", axis) for axis in "xyz"]
 SPEEDS = [rnc.FrameSpeed("rear", axis) for axis in "xyz"]
-JOINTS = [rnc.JointPosition(name) for name in ("rear_wheel", "steer", "front_wheel")]
 OUTPUTS = {
     "position": [rnc.FramePosition("front", "xyz"), *TURNS, *JOINTS],
     "orientation": [*SPEEDS, rnc.FrameOrientation("front"), *JOINTS],

@@ -21,19 +21,13 @@ COLUMNS = {
     "joints": {
         "steering": {"position": {"column": 3, "ticks": 8192, "wrap": 8192, "scale": 0.1}},
         "traction": {
-            "position": {"column": 4, "ticks": 5000, "wrap": 4294967296, "scale": 0.0106141 / (2 * np.pi * RADIUS)}
+            "position": {"column": 4, "ticks": 5000, "wrap": 2**32, "scale": 0.0106141 / (2 * np.pi * RADIUS)}
         },
     },
     "frames": {"laser": {"x": 10, "y": 11, "yaw": 12}},
 }
-UNKNOWN = (
-    EncoderScale("steering"),
-    EncoderOffset("steering"),
-    WheelRadius("front"),
-    JointShift("steering", "x"),
-    SensorPlace("x"),
-    SensorPlace("y"),
-)
+UNKNOWN = (EncoderScale("steering"), EncoderOffset("steering"), WheelRadius("front"), JointShift("steering", "x"),
+           SensorPlace("x"), SensorPlace("y"))  # fmt: skip
 """Parameters of the tricycle."""
 DELAYS = (TimeShift("steering"), TimeShift())
 """Delays of the steering encoder and of the tracker."""

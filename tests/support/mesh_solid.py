@@ -21,13 +21,9 @@ def binary_stl() -> bytes:
 
 
 def text_stl() -> bytes:
-    facets = (
-        "facet normal 0 0 0\nouter loop\n"
-        + "".join(f"vertex {x} {y} {z}\n" for x, y, z in VERTICES[each])
-        + "endloop\nendfacet\n"
-        for each in TRIANGLES
-    )
-    return f"solid s\n{''.join(facets)}endsolid s\n".encode()
+    corners = ("".join(f"vertex {x} {y} {z}\n" for x, y, z in VERTICES[each]) for each in TRIANGLES)
+    facets = "".join(f"facet normal 0 0 0\nouter loop\n{each}endloop\nendfacet\n" for each in corners)
+    return f"solid s\n{facets}endsolid s\n".encode()
 
 
 def obj() -> bytes:

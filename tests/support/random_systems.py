@@ -31,14 +31,10 @@ class Recipe:
 def recipes(draw):
     count = draw(st.integers(1, 6))
     joints = tuple((draw(st.integers(0, k)), draw(st.sampled_from(KINDS))) for k in range(count))
-    return Recipe(
-        joints,
-        draw(st.sampled_from(("fixed", "planar", "free"))),
-        tuple(draw(st.lists(st.sampled_from(CONSTRAINTS), max_size=3, unique=True))),
-        tuple(draw(st.lists(st.sampled_from(OUTPUTS), max_size=4))),
-        draw(st.booleans()),
-        draw(st.integers(0, 2**32 - 1)),
-    )
+    base = draw(st.sampled_from(("fixed", "planar", "free")))
+    constraints = tuple(draw(st.lists(st.sampled_from(CONSTRAINTS), max_size=3, unique=True)))
+    outputs = tuple(draw(st.lists(st.sampled_from(OUTPUTS), max_size=4)))
+    return Recipe(joints, base, constraints, outputs, draw(st.booleans()), draw(st.integers(0, 2**32 - 1)))
 
 
 @dataclass
@@ -69,11 +65,9 @@ def unit(generator: np.random.Generator, size: int) -> np.ndarray:
 
 def inertia(generator: np.random.Generator) -> pin.Inertia:
     """That of a body: four masses at the corners of no plane."""
-    return sum(
-        (pin.Inertia.FromSphere(mass, 0.05).se3Action(pin.SE3(np.eye(3), generator.uniform(-0.4, 0.4, 3)))
-         for mass in generator.uniform(0.1, 1.0, 4)),
-        start=pin.Inertia.Zero(),
-    )  # fmt: skip
+    corners = [(mass, generator.uniform(-0.4, 0.4, 3)) for mass in generator.uniform(0.1, 1.0, 4)]
+    bodies = (pin.Inertia.FromSphere(mass, 0.05).se3Action(pin.SE3(np.eye(3), place)) for mass, place in corners)
+    return sum(bodies, start=pin.Inertia.Zero())
 
 
 def joint_model(kind: str, generator: np.random.Generator) -> pin.JointModel:

@@ -53,15 +53,10 @@ def space_robot_in_joints() -> rnc.ReducedModel:
 @cache
 def mobile_manipulator() -> rnc.ReducedModel:
     robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
-    system = rnc.NonholonomicSystem(
-        robot,
-        [rnc.NoSideSlip("axle")],
-        [rnc.FrameForce("base", "x"), rnc.FrameTorque("base", "z"), "joint_1", "joint_2"],
-    )
-    return system.reduce(
-        [rnc.FramePosition("tip", "xy"), rnc.FrameSpeed("base"), rnc.FrameYaw("base")],
-        [rnc.Distance("base", "tip"), rnc.FramePosition("base", "xy")],
-    )
+    drive = [rnc.FrameForce("base", "x"), rnc.FrameTorque("base", "z"), "joint_1", "joint_2"]
+    outputs = [rnc.FramePosition("tip", "xy"), rnc.FrameSpeed("base"), rnc.FrameYaw("base")]
+    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")], drive)
+    return system.reduce(outputs, [rnc.Distance("base", "tip"), rnc.FramePosition("base", "xy")])
 
 
 @cache
@@ -76,15 +71,11 @@ def differential_drive(*forces: rnc.forces.Wrench) -> rnc.ReducedModel:
 def fire_truck(urdf: str | Path = "fire_truck.urdf", *more: rnc.FramePosition) -> rnc.ReducedModel:
     """The truck of a file, with more vertical outputs."""
     robot = rnc.Robot.from_urdf(urdf, base="planar")
-    system = rnc.NonholonomicSystem(
-        robot,
-        [rnc.NoSideSlip("front_axle"), rnc.NoSideSlip("tractor_axle"), rnc.NoSideSlip("rear_axle")],
-        [rnc.FrameForce("tractor", "x"), "front_steering", "rear_steering"],
-    )
-    return system.reduce(
-        [rnc.FrameSpeed("tractor"), rnc.JointPosition("front_steering"), rnc.JointPosition("rear_steering")],
-        [rnc.FramePosition("tractor", "xy"), rnc.FrameYaw("trailer"), rnc.FrameYaw("tractor"), *more],
-    )
+    edges = [rnc.NoSideSlip(f"{axle}_axle") for axle in ("front", "tractor", "rear")]
+    steering = ("front_steering", "rear_steering")
+    system = rnc.NonholonomicSystem(robot, edges, [rnc.FrameForce("tractor", "x"), *steering])
+    vertical = [rnc.FramePosition("tractor", "xy"), rnc.FrameYaw("trailer"), rnc.FrameYaw("tractor"), *more]
+    return system.reduce([rnc.FrameSpeed("tractor"), *map(rnc.JointPosition, steering)], vertical)
 
 
 PANDA = [f"panda_joint{i}" for i in range(1, 8)]
@@ -100,10 +91,8 @@ def floating_panda(momentum: tuple[float, ...] | float = 0.0) -> rnc.Nonholonomi
 @cache
 def free_flying_panda() -> rnc.ReducedModel:
     """Hand and joints as outputs."""
-    return floating_panda().reduce(
-        [rnc.FramePosition("panda_hand")] + [rnc.JointPosition(PANDA[i]) for i in (0, 2, 4, 6)],
-        [rnc.FramePosition("panda_link0"), rnc.FrameYaw("panda_link0")],
-    )
+    outputs = [rnc.FramePosition("panda_hand"), *(rnc.JointPosition(PANDA[i]) for i in (0, 2, 4, 6))]
+    return floating_panda().reduce(outputs, [rnc.FramePosition("panda_link0"), rnc.FrameYaw("panda_link0")])
 
 
 @cache
@@ -112,15 +101,10 @@ def tiago() -> rnc.ReducedModel:
     robot = rnc.Robot.from_example("tiago_no_hand", base="planar")
     wheels = ["wheel_left_joint", "wheel_right_joint"]
     arm = [name for name in robot.joint_names if name not in ("root_joint", *wheels)]
-    system = rnc.NonholonomicSystem(
-        robot,
-        [rnc.RollingWheel("wheel_left_link", 0.0985), rnc.RollingWheel("wheel_right_link", 0.0985)],
-        [*wheels, *arm],
-    )
-    return system.reduce(
-        [rnc.FrameSpeed("base_link"), rnc.FrameYaw("base_link"), *(rnc.JointPosition(name) for name in arm)],
-        [rnc.FramePosition("arm_7_link"), rnc.Distance("base_link", "arm_7_link")],
-    )
+    rows = [rnc.RollingWheel(f"wheel_{side}_link", 0.0985) for side in ("left", "right")]
+    system = rnc.NonholonomicSystem(robot, rows, [*wheels, *arm])
+    outputs = [rnc.FrameSpeed("base_link"), rnc.FrameYaw("base_link"), *map(rnc.JointPosition, arm)]
+    return system.reduce(outputs, [rnc.FramePosition("arm_7_link"), rnc.Distance("base_link", "arm_7_link")])
 
 
 @cache
