@@ -21,7 +21,7 @@ from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.control import limits, tasks
 from rnc_pin.model.evaluator import Evaluator
 from rnc_pin.model.integrators import LieRungeKutta4, ReducedMotion, state_rates
-from systems import mobile_manipulator, random_states, rolling_bodies, sprung_arm, tiago, tumbling_panda
+from systems import mobile_manipulator, random_states, sprung_arm, tiago, tumbling_panda
 
 pytestmark = needs_library
 BY_PYTHON = {"Pfaffian", "CenterOfMass", "ForceFunction"}
@@ -164,7 +164,7 @@ def body_on_a_joint(joint_model):
     return rnc.NonholonomicSystem(rnc.Robot(model), [], np.eye(model.nv)).reduce()
 
 
-@pytest.mark.parametrize("make", [mobile_manipulator, rolling_bodies, sprung_arm, tiago, tumbling_panda])
+@pytest.mark.parametrize("make", [mobile_manipulator, KINDS["bodies that roll"], sprung_arm, tiago, tumbling_panda])
 def test_integration(make):
     """Steps of the kernel are those of ``LieRungeKutta4``."""
     compare_steps(make(), h=0.002, steps=3)

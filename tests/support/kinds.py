@@ -1,5 +1,6 @@
 """A reduction for each kind of row and force that the compiled kernel knows, and whole robots beside them."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -8,9 +9,9 @@ import pinocchio as pin
 import rnc_pin as rnc
 import systems
 from bodies import add_body, add_frame
-from systems import free_arm
+from row_kinds import BESIDE, CARRIED, ON_PLANES, ROLLING
+from systems import free_arm, free_bodies
 
-BESIDE = (0.1, -0.2, 0.3)
 JOINTS = [rnc.JointPosition(name) for name in ("rear_wheel", "steer", "front_wheel")]
 CONSTRAINTS = {
     "wheels": [rnc.RollingWheel("rear", 0.3), rnc.RollingWheel("front", 0.3)],
@@ -53,6 +54,14 @@ def momenta(value):
     return rnc.NonholonomicSystem(robot, closed, list(others)).reduce([rnc.JointPosition(name) for name in others])
 
 
+def on_free_bodies(*names):
+    """Kinds of these names, each on a free body of its own; the ground of some is a plate that moves freely."""
+    frames = [f"body {k}" for k in range(len(names))]
+    kinds = [(ON_PLANES | ROLLING | CARRIED)[name] for name in names]
+    rows = [replace(kind, frame=frame) for kind, frame in zip(kinds, frames, strict=True)]
+    return rnc.NonholonomicSystem(free_bodies("plate", *frames), rows).reduce()
+
+
 @cache
 def planar_arm():
     model = pin.Model()
@@ -63,6 +72,7 @@ def planar_arm():
     return rnc.NonholonomicSystem(rnc.Robot(model), []).reduce()
 
 
+ON_A_PLATE = ("knife edge beside its frame", "caster on a plate", "ball on a belt", "slanted egg", "slanted wheel")
 KINDS = {
     **{name: lambda rows=rows: two_wheeler(rows) for name, rows in CONSTRAINTS.items()},
     **{name: lambda rows=rows: two_wheeler([], rows) for name, rows in OUTPUTS.items()},
@@ -74,10 +84,10 @@ KINDS = {
     "steering": systems.ackermann_car,
     "loop": systems.four_bar,
     "disk that leans": systems.leaning_wheel,
-    "bodies that roll": systems.rolling_bodies,
-    "bodies on bodies": systems.bodies_on_bodies,
+    "bodies that roll": lambda: on_free_bodies("turning slope", "turntable without pivoting", "ball", "roller"),
+    "bodies on bodies": lambda: on_free_bodies(*ON_A_PLATE),
     "balls on curved ground": systems.balls_on_curved_ground,
-    "wheels on moving ground": systems.wheels_on_moving_ground,
+    "wheels on moving ground": lambda: on_free_bodies("wheel", "skid on a turntable", "disk", "knife edge"),
     "forces": systems.sprung_arm,
 }
 """Reductions that need no Python after their description."""

@@ -6,10 +6,10 @@ import numpy as np
 import pinocchio as pin
 
 import rnc_pin as rnc
-from kinds import BESIDE
 from rolling import rigid_body
 from systems import ackermann_car, bicycle, free_bodies
 
+BESIDE = (0.1, -0.2, 0.3)
 SLOPE = rnc.GroundPlane(normal=(0.2, -0.3, 1.0), point=(0.1, 0.2, 0.3))
 MOVING = rnc.GroundPlane(normal=(0.2, -0.3, 1.0), point=(0.1, 0.2, 0.3), velocity=(0.3, 0.2, 0.0), spin=-0.7)
 TURNTABLE = rnc.GroundPlane(spin=1.3, point=(0.2, -0.1, 0.0), velocity=(0.3, -0.2, 0.0))
@@ -51,6 +51,7 @@ EGG = rnc.Ellipsoid((0.4, 0.2, 0.1))
 ON_PLANES = {
     "wheel": rnc.RollingWheel("body", 0.3, "y", ground=MOVING),
     "roller": rnc.RollingWheel("body", 0.3, "y", roller=0.4, ground=MOVING),
+    "skid on a turntable": rnc.RollingWheel("body", 0.2, "y", lateral=False, ground=TURNTABLE),
     "ball": rnc.RollingBall("body", 0.3, ground=MOVING),
     "caster": rnc.Caster("body", 0.1, ground=SLOPE),
     "knife edge": rnc.NoSideSlip("body", "x", (0.1, 0.2, 0.3), ground=MOVING),
@@ -73,11 +74,16 @@ ON_CURVED_GROUND = {
     "on waves": rnc.RollingBody("body", EGG, ground=Waves()),
 }
 PLATE = rnc.GroundPlane(frame="plate")
+BELT = rnc.GroundPlane((0.1, 0.2, 1.0), velocity=(0.2, -0.1, 0.0), frame="plate")
+SLANTED = rnc.GroundPlane((0.2, -0.3, 1.0), (0.1, 0.2, 0.3), frame="plate")
 TURNING = rnc.GroundPlane((0.2, -0.3, 1.0), (0.1, 0.2, 0.3), spin=-0.7, frame="plate")
 CARRIED = {
     "ball on a plate": rnc.RollingBall("body", 0.2, ground=PLATE),
     "ball on a plate that turns": rnc.RollingBall("body", 0.2, ground=TURNING),
     "egg without pivoting": rnc.RollingBody("body", EGG, pivoting=False, ground=TURNING),
+    "ball on a belt": rnc.RollingBall("body", 0.2, ground=BELT),
+    "slanted egg": rnc.RollingBody("body", EGG, at=(0, 0.01, 0.03), pivoting=False, ground=SLANTED),
+    "slanted wheel": rnc.RollingWheel("body", 0.3, "x", ground=SLANTED),
     "wheel on a plate": rnc.RollingWheel("body", 0.2, "y", ground=PLATE),
     "wheel on a plate that turns": rnc.RollingWheel("body", 0.2, "y", ground=TURNING),
     "egg in a bowl": rnc.RollingBody("body", EGG, ground=rnc.SphericalGround(2.0, (0, 0, 1.9), frame="plate")),

@@ -394,38 +394,6 @@ def free_bodies(*names):
     return rnc.Robot(model)
 
 
-SLOPE = rnc.GroundPlane(normal=(0.2, -0.3, 1.0), point=(0.1, 0.2, 0.3), spin=-0.7)
-TURNTABLE = rnc.GroundPlane(spin=1.3, point=(0.2, -0.1, 0.0), velocity=(0.3, -0.2, 0.0))
-
-
-@cache
-def rolling_bodies():
-    """An egg on a turning slope, a tyre that cannot pivot on a turntable, a ball, and a wheel on a slope."""
-    egg, slope = rnc.Ellipsoid((0.4, 0.2, 0.1)), rnc.GroundPlane((0.2, -0.3, 1.0), (0.1, 0.2, 0.3))
-    rows = [
-        rnc.RollingBody("egg", egg, at=(0.0, 0.01, 0.03), rpy=(0.2, 0.1, -0.5), ground=SLOPE),
-        rnc.RollingBody("tyre", rnc.Torus(0.3, 0.05, "y"), pivoting=False, ground=TURNTABLE),
-        rnc.RollingBall("ball", 0.2, ground=TURNTABLE),
-        rnc.RollingWheel("wheel", 0.3, "x", roller=0.6, ground=slope),
-    ]
-    return rnc.NonholonomicSystem(free_bodies("egg", "tyre", "ball", "wheel"), rows).reduce()
-
-
-@cache
-def bodies_on_bodies():
-    """On a plate that turns and moves freely: a wheel on a slope, an egg, a ball on a belt, a caster and a blade."""
-    slope, level = rnc.GroundPlane((0.2, -0.3, 1.0), (0.1, 0.2, 0.3), frame="plate"), rnc.GroundPlane(frame="plate")
-    belt = rnc.GroundPlane((0.1, 0.2, 1.0), velocity=(0.2, -0.1, 0.0), frame="plate")
-    rows = [
-        rnc.RollingWheel("wheel", 0.3, "x", ground=slope),
-        rnc.RollingBody("egg", rnc.Ellipsoid((0.4, 0.2, 0.1)), at=(0.0, 0.01, 0.03), pivoting=False, ground=slope),
-        rnc.RollingBall("ball", 0.2, ground=belt),
-        rnc.Caster("sledge", 0.1, ground=slope),
-        rnc.NoSideSlip("sledge", "y", at=(0.1, -0.2, 0.3), ground=level),
-    ]
-    return rnc.NonholonomicSystem(free_bodies("plate", "wheel", "egg", "ball", "sledge"), rows).reduce()
-
-
 @cache
 def balls_on_curved_ground():
     """Balls in a bowl that turns, on a hill, in a drum that turns and slides, and in a pipe on a plate that moves."""
@@ -439,18 +407,6 @@ def balls_on_curved_ground():
         rnc.RollingBody("two", rnc.Sphere(0.1), rpy=(0.2, 0.1, -0.5), ground=pipe),
     ]
     return rnc.NonholonomicSystem(free_bodies("plate", "egg", "ball", "one", "two"), rows).reduce()
-
-
-@cache
-def wheels_on_moving_ground():
-    """A leaning wheel on a turning slope, a wheel that skids on a turntable, and a coin with a blade on a turntable."""
-    rows = [
-        rnc.RollingWheel("one", 0.3, "x", ground=SLOPE),
-        rnc.RollingWheel("two", 0.2, "y", lateral=False, ground=TURNTABLE),
-        rnc.RollingBody("three", rnc.Torus(0.3, axis="x"), at=(0.1, 0.0, 0.0)),
-        rnc.NoSideSlip("three", "z", at=(0.1, -0.2, 0.3), ground=TURNTABLE),
-    ]
-    return rnc.NonholonomicSystem(free_bodies("one", "two", "three"), rows).reduce()
 
 
 def mecanum_box() -> rnc.ReducedModel:

@@ -7,10 +7,9 @@ import pytest
 import rnc_pin as rnc
 import systems
 from bodies import add_body, add_frame
-from kinds import BESIDE
 from refusals import refused
 from rnc_pin.model.kinematics import Kinematics
-from row_kinds import OF_TWO_WHEELS
+from row_kinds import BESIDE, OF_TWO_WHEELS
 from systems import WHEEL
 from tolerances import ROUNDING
 from urdf_parts import joint, link, read
