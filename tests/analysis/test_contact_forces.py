@@ -257,11 +257,8 @@ def least_largest_share(torques, friction):
         return z[8] * friction * z[4:8] - np.linalg.norm(forces(z)[:, :2], axis=1)
 
     start = np.concatenate([np.zeros(4), np.full(4, mass * G / 4), [2.0]])
-    constraints = [
-        {"type": "eq", "fun": balance},
-        {"type": "ineq", "fun": room},
-        {"type": "ineq", "fun": lambda z: z[4:8]},
-    ]
+    bounds = (("eq", balance), ("ineq", room), ("ineq", lambda z: z[4:8]))
+    constraints = [{"type": kind, "fun": function} for kind, function in bounds]
     options = {"ftol": 1e-13, "maxiter": 900}
     found = minimize(lambda z: z[8], start, constraints=constraints, method="SLSQP", options=options)
     # Rounding may end the line search before the last digits; the comparison needs five of them, at a feasible point.

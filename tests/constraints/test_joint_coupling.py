@@ -50,11 +50,8 @@ def test_a_ratio_that_is_no_fraction_couples_rates_alone():
 def test_what_a_file_couples_to_a_joint_that_is_locked_is_held():
     """``joint = multiplier of + offset``, solved for whichever of the two moves."""
     robot = sliders("RRR", chain=False)
-    locked = SimpleNamespace(
-        **{name: getattr(robot, name) for name in ("model", "nv", "joint_id", "single_joint")},
-        joint_names=["a", "b"],
-        locked={"c": 0.4},
-    )
+    known = {name: getattr(robot, name) for name in ("model", "nv", "joint_id", "single_joint")}
+    locked = SimpleNamespace(**known, joint_names=["a", "b"], locked={"c": 0.4})
     for given, name, matrix, held in (
         (Mimic("a", "b", -2.0, 0.3), "coupling(a, b)", [1.0, 2.0], None),
         (Mimic("a", "c", -2.0, 0.3), "coupling(a, c)", [1.0, 0.0], -0.5),

@@ -161,10 +161,8 @@ def test_geared_flywheels_have_the_inertia_that_gears_reflect(first, second, rat
     run = rnc.simulate(reduced, Idle(1), q, duration=2.0, dt=0.02, v2_0=np.array([9.0]))
     assert run.position_residual.max() < 1e-12
     motor, wheel = reduced.robot.model.joints[1], reduced.robot.model.joints[2]
-    angles = [
-        np.unwrap(np.arctan2(run.q[:, j.idx_q + 1], run.q[:, j.idx_q])) if j.nq == 2 else run.q[:, j.idx_q]
-        for j in (motor, wheel)
-    ]
+    places = [run.q[:, joint.idx_q : joint.idx_q + joint.nq].T for joint in (motor, wheel)]
+    angles = [np.unwrap(np.arctan2(each[1], each[0])) if len(each) == 2 else each[0] for each in places]
     moved = [angle - angle[0] for angle in angles]
     np.testing.assert_allclose(moved[0][-1], 18.0, atol=1e-9)
     np.testing.assert_allclose(moved[1], ratio * moved[0], atol=1e-9)

@@ -23,11 +23,8 @@ def test_a_caster_follows_its_trail():
     fork = add_body(model, "fork", "RUBZ", 0.5, joint, moments=0.01, at=(length, 0, 0.1))
     below = pin.SE3(np.eye(3), np.array([-trail, 0, -0.05]))
     add_body(model, "caster", "RY", 0.2, fork, moments=0.001, at=below, frame="caster")
-    system = rnc.NonholonomicSystem(
-        rnc.Robot(model),
-        [rnc.NoSideSlip("axle"), rnc.RollingWheel("caster", radius)],
-        [rnc.FrameForce("axle", "x"), rnc.FrameTorque("axle", "z")],
-    )
+    rows, inputs = [rnc.NoSideSlip("axle")], [rnc.FrameForce("axle", "x"), rnc.FrameTorque("axle", "z")]
+    system = rnc.NonholonomicSystem(rnc.Robot(model), [*rows, rnc.RollingWheel("caster", radius)], inputs)
     assert [row.name for row in system.dropped_rows] == ["vertical(caster)"]
     reduced = system.reduce([rnc.FrameSpeed("axle"), rnc.FrameYaw("axle")])
     for q, v2 in random_states(reduced, 6):

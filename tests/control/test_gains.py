@@ -8,15 +8,8 @@ import pytest
 
 import rnc_pin as rnc
 from controlled_tasks import space_robot_task
-from rnc_pin.control import GainDesign, PositionGains, VelocityGains, gravity_loads
-from rnc_pin.control.gain_design import (
-    OUTER_GAINS,
-    adaptation_rate,
-    design_position_gains,
-    design_velocity_gains,
-    fastest_rate,
-    inertia_of_modes,
-)
+from rnc_pin.control import GainDesign, PositionGains, VelocityGains, design_position_gains, design_velocity_gains
+from rnc_pin.control.gain_design import OUTER_GAINS, adaptation_rate, fastest_rate, gravity_loads, inertia_of_modes
 
 
 def test_paper_preset():

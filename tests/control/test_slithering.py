@@ -125,11 +125,9 @@ def test_a_kingpin_as_far_ahead_as_the_axle_is_behind():
     """Of a tractor that is led by its front axle: the chord of the path would not be one."""
     system = rnc.NonholonomicSystem(fire_truck().robot, [rnc.NoSideSlip(f"{axle}_axle") for axle in ("front", "rear")])
     steering = [rnc.JointPosition("front_steering"), rnc.JointPosition("rear_steering")]
-    reduced = system.reduce(
-        [rnc.FrameSpeed("tractor"), *steering, rnc.FrameYaw("tractor")],
-        [rnc.FramePosition(frame, "xy") for frame in ("front_axle", "hitch")]
-        + [rnc.FrameYaw(frame) for frame in ("trailer", "front_axle")],
-    )
+    vertical = [rnc.FramePosition(frame, "xy") for frame in ("front_axle", "hitch")]
+    vertical += [rnc.FrameYaw(frame) for frame in ("trailer", "front_axle")]
+    reduced = system.reduce([rnc.FrameSpeed("tractor"), *steering, rnc.FrameYaw("tractor")], vertical)
     primary = ["tractor_speed_x", "front_steering", "tractor_yaw"]
     task = rnc.Task.of(reduced, primary, ["rear_steering"], ["trailer_yaw"])
     with pytest.raises(rnc.ConfigurationError, match="kingpin 'hitch' has to be a fixed place on the tractor, nearer"):

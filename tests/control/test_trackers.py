@@ -9,15 +9,12 @@ import rnc_pin as rnc
 from controlled_tasks import ARM_START, Cubic, gains_along, learnt_over, space_robot_task
 from rnc_pin.control import (
     PositionGains,
-    PositionTracker,
     ReducingOutputController,
-    TrackerState,
     VelocityGains,
     VelocityTarget,
-    VelocityTracker,
     design_position_gains,
 )
-from rnc_pin.control.trackers import PositionState
+from rnc_pin.control.trackers import PositionState, PositionTracker, TrackerState, VelocityTracker
 from rnc_pin.model.evaluation_results import Measurement
 from simple_controllers import Counting, Memoryless
 from systems import space_robot_in_joints

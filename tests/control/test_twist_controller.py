@@ -20,15 +20,9 @@ AXLE = {
     "car": -0.3, "car with trailer": -0.3,
 }  # fmt: skip
 STEERED = {
-    "differential drive": 0,
-    "Mecanum": 0,
-    "turret": 1,
-    "two steered drives": 2,
-    "two steered drives side by side": 2,
-    "four steered drives": 4,
-    "two carts": 8,
-    "four-wheel steering": 4,
-}
+    "differential drive": 0, "Mecanum": 0, "turret": 1, "two steered drives": 2, "two steered drives side by side": 2,
+    "four steered drives": 4, "two carts": 8, "four-wheel steering": 4,
+}  # fmt: skip
 
 
 def model(name):
@@ -175,10 +169,8 @@ def test_the_base_reaches_the_feasible_twist_within_limits_and_without_slip(name
             _, across = expected_wheels(name, twist_of(reduced, plant.v), reduced.robot.joint_values(plant.middle))
             speed = RADIUS * max(abs(command.u[k]) for joint, k in motors.items() if joint in KINDS[name].wheels)
             allowed = (controller.slip + 0.5 * STEERING_RATE * DT) * speed + 1e-9  # angles change during a sample
-            assert (
-                max(missed[k] * (RADIUS if joint in KINDS[name].wheels else 1.0) for joint, k in motors.items())
-                < allowed
-            )
+            speeds = (missed[k] * (RADIUS if joint in KINDS[name].wheels else 1.0) for joint, k in motors.items())
+            assert max(speeds) < allowed
             assert max(map(abs, across.values())) < allowed
         if name == "car with trailer":  # the speed of the trailer's wheels depends on the hitch
             reachable = controller.feasible(plant.q, twist)

@@ -101,12 +101,9 @@ def derived(data):
     found, g = matrices(data["parameters"]), mp.mpf(repr(data["parameters"]["g"]))
     inverse = found["M"] ** -1
     result = {name: matrix.tolist() for name, matrix in found.items()}
-    result["state_matrix"] = {
-        "Minv": inverse.tolist(),
-        "minus_Minv_gK0": (-g * inverse * found["K0"]).tolist(),
-        "minus_Minv_K2": (-(inverse * found["K2"])).tolist(),
-        "minus_Minv_C1": (-(inverse * found["C1"])).tolist(),
-    }
+    products = {f"minus_Minv_{name}": -(inverse * found[name]) for name in ("K2", "C1")}
+    all_matrices = {"Minv": inverse, "minus_Minv_gK0": -g * inverse * found["K0"], **products}
+    result["state_matrix"] = {name: matrix.tolist() for name, matrix in all_matrices.items()}
     result["eigenvalues"] = {}
     for speed in data["linear"]["eigenvalues"]:
         roots = eigenvalues(found, speed, g)

@@ -125,19 +125,11 @@ class Mechanics:
         H_star_dot = mp.matrix(self._rates(q, qd)[0])
         H_dot = R_dot.T * H_star * R + R.T * H_star_dot * R + R.T * H_star * R_dot
         force = R.T * M
-        found = {
-            "v": nested(v),
-            "R": nested(R),
-            "Rdot": nested(R_dot),
-            "H": nested(H),
-            "Vcc": nested(V),
-            "Vcc_v": nested(V * v),
-            "Hdot": nested(H_dot),
-            "G": [mp.mpf(0)] * (n - m),
-            "RtM": nested(force),
-            "vdot": nested(mp.lu_solve(H, force * mp.matrix(T) - V * v)),
-            "vdot_zero_input": nested(mp.lu_solve(H, -(V * v))),
-        }
+        matrices = {"v": v, "R": R, "Rdot": R_dot, "H": H, "Vcc": V, "Vcc_v": V * v, "Hdot": H_dot}
+        found = {name: nested(matrix) for name, matrix in matrices.items()}
+        found |= {"G": [mp.mpf(0)] * (n - m), "RtM": nested(force)}
+        found["vdot"] = nested(mp.lu_solve(H, force * mp.matrix(T) - V * v))
+        found["vdot_zero_input"] = nested(mp.lu_solve(H, -(V * v)))
         if basis in self._outputs:
             x1, x2 = (mp.matrix(each) for each in self._outputs[basis](q, qd))
             J1, J1_dot = (mp.matrix(each) for each in self._connection[basis](q, qd))

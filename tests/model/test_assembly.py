@@ -13,11 +13,8 @@ ROBOT = sliders(masses=(1.0, 1.0, 1.0), chain=False)
 
 
 def test_residuals_of_many_states_stand_one_under_the_other():
-    blocks = [
-        Flat(np.eye(3)[:2], "ab", holonomic=(True, False)),
-        coupling("c", "b", 2.0, 0.5).bind(ROBOT),
-        Flat(np.eye(3)[1:], "de", holonomic=(False, True)),
-    ]
+    first, last = Flat(np.eye(3)[:2], "ab", holonomic=(True, False)), Flat(np.eye(3)[1:], "de", holonomic=(False, True))
+    blocks = [first, coupling("c", "b", 2.0, 0.5).bind(ROBOT), last]
     assembly = Assembly(ROBOT, blocks)
     assert (assembly.names, assembly.size) == (("a", "coupling(c, b)", "e"), 3)
     q = np.random.default_rng(3).normal(size=(2, 4, 3))

@@ -13,7 +13,7 @@ from bodies import add_body
 from refusals import refused
 from rnc_pin.robots.robot_files import find_example, find_urdf
 from tolerances import ROUNDING
-from urdf_parts import INERTIAL, write
+from urdf_parts import INERTIAL, inertial, write
 
 GRAVITY = (0.0, 0.0, -9.81)
 
@@ -116,11 +116,6 @@ def test_random_configurations_are_seeded_normalised_and_within_limits(load):
             values = drawn[:, joint.idx_q]
             assert robot.model.lowerPositionLimit[joint.idx_q] <= values.min()
             assert values.max() <= robot.model.upperPositionLimit[joint.idx_q]
-
-
-def inertial(mass="1", moment="1"):
-    tensor = f'<inertia ixx="{moment}" iyy="{moment}" izz="{moment}" ixy="0" ixz="0" iyz="0"/>'
-    return f'<inertial><mass value="{mass}"/>{tensor}</inertial>'
 
 
 def urdf(arm=INERTIAL, joint_type="revolute", origin="0 0 0", more=""):

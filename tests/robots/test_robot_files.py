@@ -7,9 +7,8 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.robots.robot_files import AllowedFolders, Packages, folders_above, package_name
-from urdf_parts import TETRAHEDRON, XACRO, write
+from urdf_parts import TETRAHEDRON, XACRO, inertial, write
 
-INERTIAL = '<inertial><mass value="{}"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
 REFUSED = r"outside the folders of the description: give its folder in package_dirs \(--package-dir\)"
 
 
@@ -19,7 +18,7 @@ def urdf(filename, tag="mesh", mass=1):
         material = f'<material name="m"><texture filename="{filename}"/></material>'
         shape = f'<geometry><sphere radius="1"/></geometry>{material}'
     return (
-        f'<robot name="r" {XACRO}><link name="a"/><link name="b">{INERTIAL.format(mass)}<visual>{shape}'
+        f'<robot name="r" {XACRO}><link name="a"/><link name="b">{inertial(mass)}<visual>{shape}'
         '</visual></link><joint name="j" type="continuous"><parent link="a"/><child link="b"/>'
         '<axis xyz="0 0 1"/></joint></robot>'
     )
@@ -72,7 +71,7 @@ def test_a_urdf_names_its_own_files(name, tree):
 def test_a_mesh_is_not_taken_from_the_working_directory(tree, monkeypatch):
     """A wanted mass is measured from the box around the link's meshes; without one it is a ball of 0.05 m."""
     monkeypatch.chdir(tree / "private")
-    path = write(tree / "robot/r.urdf", urdf("secret.obj").replace(INERTIAL.format(1), ""))
+    path = write(tree / "robot/r.urdf", urdf("secret.obj").replace(inertial(), ""))
     inertia = rnc.Robot.from_urdf(path, masses={"b": 1.0}).model.inertias[1].inertia
     np.testing.assert_allclose(inertia, 0.4 * 0.05**2 * np.eye(3))
 

@@ -53,10 +53,8 @@ def _base(*parts, driven, wheels, rollers=()):
 
 def _fixed(**places):
     """Parts and table of wheels on the base itself."""
-    return (
-        [wheel(name, "base", (x, y, 0), RADIUS) for name, (x, y) in places.items()],
-        {f"{name}_joint": Wheel(x, y) for name, (x, y) in places.items()},
-    )
+    table = {f"{name}_joint": Wheel(x, y) for name, (x, y) in places.items()}
+    return [wheel(name, "base", (x, y, 0), RADIUS) for name, (x, y) in places.items()], table
 
 
 def _steered(turns_round=False, parent="base", **places):
@@ -93,12 +91,9 @@ def car(trailer=False):
     front, more = _steered(fl=(0.3, 0.2), fr=(0.3, -0.2))
     towed = []
     if trailer:
-        towed = [
-            link("trailer", 5.0, at="-0.5 0 0"),
-            joint("hitch", "base", "trailer", (-0.5, 0, 0), "0 0 1", "revolute", 0.0, (-1.2, 1.2)),
-            wheel("tow_l", "trailer", (-0.6, 0.2, 0)),
-            wheel("tow_r", "trailer", (-0.6, -0.2, 0)),
-        ]
+        hitch = joint("hitch", "base", "trailer", (-0.5, 0, 0), "0 0 1", "revolute", 0.0, (-1.2, 1.2))
+        towed = [link("trailer", 5.0, at="-0.5 0 0"), hitch]
+        towed += [wheel(f"tow_{side}", "trailer", (-0.6, y, 0)) for side, y in (("l", 0.2), ("r", -0.2))]
     driven = ["left_joint", "right_joint", "turn_fl_joint"]
     return _base(*back, *front, *towed, driven=driven, wheels=wheels | more)
 
@@ -130,10 +125,7 @@ def turret(behind=0.0):
     parts = [caster(f"swivel{k}", "base", place) for k, place in enumerate(places)]
     parts += [pivot("turn", "base", (0.05, 0, 0), turns_round=True)]
     parts += [wheel(f"drive_{side}", "turn", (-behind, y, 0)) for side, y in (("l", 0.15), ("r", -0.15))]
-    wheels = {
-        "drive_l_joint": Wheel(0.05, 0.0, "turn_joint", 0.15),
-        "drive_r_joint": Wheel(0.05, 0.0, "turn_joint", -0.15),
-    }
+    wheels = {f"drive_{side}_joint": Wheel(0.05, 0.0, "turn_joint", y) for side, y in (("l", 0.15), ("r", -0.15))}
     return _base(*parts, driven=["turn_joint", *wheels], wheels=wheels)
 
 

@@ -106,11 +106,8 @@ def outputs_of_all_kinds():
     def turning_rate(q, v):
         return -row * np.sin(q[0]) * (pin.Quaternion(q[3:7]).matrix()[0] @ v[:3])
 
-    constraints = [
-        rnc.NoSideSlip("base", "y", at=(0.2, -0.1, 0.3)),
-        rnc.Caster("upper", 0.1),
-        rnc.Pfaffian(turning, turning_rate, names=["row"]),
-    ]
+    constraints = [rnc.NoSideSlip("base", "y", at=(0.2, -0.1, 0.3)), rnc.Caster("upper", 0.1)]
+    constraints += [rnc.Pfaffian(turning, turning_rate, names=["row"])]
     actuators = [rnc.FrameForce("tip", "x"), rnc.FrameTorque("base", "z"), "arm", "hand", rnc.FrameForce("base", "y")]
     vertical = [
         rnc.FrameOrientation("tip"), rnc.FrameYaw("tip", "y"), rnc.FrameTilt("tip", "x"), rnc.Distance("base", "tip"),
@@ -123,12 +120,9 @@ def outputs_of_all_kinds():
 def driven_arm():
     """Arm on a free base: a joint, the tilt of a frame and its speed move as prescribed, above a turntable."""
     robot, swing = rnc.Robot(free_arm()), rnc.planning.Harmonic([0.1], amplitude=[0.3], frequency=0.5, phase=0.4)
-    rows = [
-        rnc.NoSideSlip("base", "y", at=(0.2, -0.1, 0.3), ground=rnc.GroundPlane(spin=0.7)),
-        rnc.PrescribedMotion(rnc.JointPosition("arm"), swing),
-        rnc.PrescribedMotion(rnc.FrameTilt("tip", "x"), swing),
-        rnc.PrescribedMotion(rnc.FrameSpeed("upper", "z"), swing),
-    ]
+    outputs = (rnc.JointPosition("arm"), rnc.FrameTilt("tip", "x"), rnc.FrameSpeed("upper", "z"))
+    rows = [rnc.NoSideSlip("base", "y", at=(0.2, -0.1, 0.3), ground=rnc.GroundPlane(spin=0.7))]
+    rows += [rnc.PrescribedMotion(output, swing) for output in outputs]
     return rnc.NonholonomicSystem(robot, rows, [rnc.FrameForce("tip", "x"), rnc.FrameTorque("base", "z"), "hand"])
 
 

@@ -11,6 +11,8 @@ from importlib.util import find_spec
 import numpy as np
 import trimesh
 
+from urdf_parts import INERTIAL
+
 VERTICES = np.array([[0.02, 0.05, 0.0], [0.3, 0.05, 0.0], [0.02, 0.25, 0.0], [0.02, 0.05, 0.1], [0.3, 0.25, 0.1]])
 TRIANGLES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 4], [1, 4, 3], [2, 3, 4]])
 
@@ -87,8 +89,6 @@ MESHES = {
 }
 """Kinds: the name of a file, and its content as it is."""
 
-_INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
-
 
 def urdf(files: list[str]) -> str:
     """A robot on a hinge whose links have these meshes, mirrored where they are seen."""
@@ -98,7 +98,7 @@ def urdf(files: list[str]) -> str:
         for file in files
     )
     return (
-        f'<robot name="r"><link name="a"/><link name="b">{_INERTIAL}{shapes}</link><joint name="j" type="continuous"><parent link="a"/>'
+        f'<robot name="r"><link name="a"/><link name="b">{INERTIAL}{shapes}</link><joint name="j" type="continuous"><parent link="a"/>'
         '<child link="b"/><axis xyz="0 1 0"/></joint></robot>'
     )
 

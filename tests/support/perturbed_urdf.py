@@ -131,13 +131,9 @@ def _turns_a_disk(robot: ElementTree.Element, joint: ElementTree.Element) -> boo
 
 
 PERTURBATIONS: dict[str, Callable[[str, int], str | None]] = {
-    "noise": with_noise,
-    "names": renamed,
-    "order": shuffled,
-    "no drives": without_drives,
-    "mirrored": mirrored,
+    "noise": with_noise, "names": renamed, "order": shuffled, "no drives": without_drives, "mirrored": mirrored,
     "exported": exported,
-}
+}  # fmt: skip
 """Perturbations by name: functions of a URDF and a seed."""
 
 DRAWN = ("noise", "names", "order")

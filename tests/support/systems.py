@@ -258,10 +258,8 @@ def mecanum() -> rnc.ReducedModel:
     wheels = [rnc.RollingWheel(name, WHEEL, roller=roller) for name, roller in ROLLERS.items()]
     robot = rnc.Robot(rolling_base(CORNERS, WHEEL))
     system = rnc.NonholonomicSystem(robot, wheels, [f"{name}_spin" for name in CORNERS])
-    return system.reduce(
-        [rnc.FrameSpeed("base", "x"), rnc.FrameSpeed("base", "y"), rnc.FrameYaw("base")],
-        [rnc.FramePosition("base", "xy")],
-    )
+    outputs = [rnc.FrameSpeed("base", "x"), rnc.FrameSpeed("base", "y"), rnc.FrameYaw("base")]
+    return system.reduce(outputs, [rnc.FramePosition("base", "xy")])
 
 
 def on_two_wheels(

@@ -3,9 +3,16 @@
 import rnc_pin as rnc
 
 BOX = '<box size="0.6 0.3 0.1"/>'
-INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
+
+
+def inertial(mass=1, moment=1):
+    tensor = f'<inertia ixx="{moment}" iyy="{moment}" izz="{moment}" ixy="0" ixz="0" iyz="0"/>'
+    return f'<inertial><mass value="{mass}"/>{tensor}</inertial>'
+
+
+INERTIAL = inertial()
 
 
 def write(path, content):

@@ -132,14 +132,10 @@ def shapes(robot):
 def test_robots_of_every_source_draw_themselves_elsewhere(tmp_path):
     write(tmp_path / "m.obj", TETRAHEDRON)
     mesh, hinge = '<mesh filename="m.obj"/>', joint("j", "a", "b", (0, 0, 0))
-    write(
-        tmp_path / "r.urdf",
-        f'<robot name="r"><link name="a"/>{link("b", shape=mesh, geometry="visual")}{hinge}</robot>',
-    )
-    (tmp_path / "r.xml").write_text(
-        '<mujoco><worldbody><body name="b"><joint name="j"/><geom name="g" size="1" mass="1"/></body></worldbody>'
-        "</mujoco>"
-    )
+    drawn = link("b", shape=mesh, geometry="visual")
+    write(tmp_path / "r.urdf", f'<robot name="r"><link name="a"/>{drawn}{hinge}</robot>')
+    body = '<body name="b"><joint name="j"/><geom name="g" size="1" mass="1"/></body>'
+    write(tmp_path / "r.xml", f"<mujoco><worldbody>{body}</worldbody></mujoco>")
     arm, tool = rnc.Robot.from_urdf("mobile_manipulator.urdf"), rnc.Robot.from_urdf("space_robot.urdf")
     for robot in (
         rnc.Robot.from_urdf(tmp_path / "r.urdf"),

@@ -112,10 +112,8 @@ def test_a_user_drives_from_a_real_browser(browser, served):
             "s.dispatchEvent(new Event('input'))"
         )
         assert eventually(lambda: kinds(drive_)[-1][0] == "joint_goal")
-        page.wait_for_function(
-            "[...document.querySelectorAll('#limits li')].some(each => each.textContent === 'joint_1 velocity')",
-            timeout=1000 * PATIENCE,
-        )
+        active = "[...document.querySelectorAll('#limits li')].some(each => each.textContent === 'joint_1 velocity')"
+        page.wait_for_function(active, timeout=1000 * PATIENCE)
         # Meshcat's own controls do not cover the button that stops the robot, open or not.
         page.click("#drive summary:has-text('Scene')")
         assert page.is_visible("#drive .dg.main li.title:has-text('Lights')")
@@ -124,10 +122,8 @@ def test_a_user_drives_from_a_real_browser(browser, served):
         # Whatever a page sends, the run checks: the refusal is shown, and nothing moves by it.
         count = len(drive_.log)
         page.evaluate("drive_command({kind: 'base_goal', x: 1e9, y: 0})")
-        page.wait_for_function(
-            "[...document.querySelectorAll('#messages li')].some(each => each.textContent.startsWith('refused'))",
-            timeout=1000 * PATIENCE,
-        )
+        said = "[...document.querySelectorAll('#messages li')].some(each => each.textContent.startsWith('refused'))"
+        page.wait_for_function(said, timeout=1000 * PATIENCE)
         assert len(drive_.log) == count
         assert page.evaluate("document.querySelector('#drive .factor').textContent").endswith(" x")
         page.click("text=End run")

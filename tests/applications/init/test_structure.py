@@ -144,10 +144,8 @@ def test_options_of_an_alternative_are_choices():
 
 def turret_on_balls(carrier):
     """The body or the turret stands on three balls, each with a joint about one axis."""
-    parts = [
-        link("body", 20.0, '<box size="0.5 0.5 0.2"/>', at="0 0 0.2"),
-        pivot("turn", "body", (0, 0, 0.1), turns_round=True),
-    ]
+    body = link("body", 20.0, '<box size="0.5 0.5 0.2"/>', at="0 0 0.2")
+    parts = [body, pivot("turn", "body", (0, 0, 0.1), turns_round=True)]
     for k, (x, y) in enumerate(((0.3, 0.0), (-0.15, 0.25), (-0.15, -0.25))):
         at = (x, y, 0.05 if carrier == "body" else -0.05)
         parts += [link(f"b{k}", 0.1, '<sphere radius="0.05"/>'), joint(f"b{k}_joint", carrier, f"b{k}", at, effort=0.0)]
@@ -244,10 +242,8 @@ DRAWN_REAR = robot(
     link("base", 10.0, BOX), drawn_pair("rear", "base", -0.3, kind="fixed"), pivot("steer", "base", (0.3, 0, 0)),
     wheel("w", "steer", (0, 0, 0)),
 )  # fmt: skip
-DRAWN_SWERVE = robot(
-    link("base", 10.0, BOX),
-    *(drawn_pair(f"w{k}", "base", x, kind="continuous", limits=None) for k, x in enumerate((0.3, -0.3))),
-)
+DRAWN_PIVOTS = [drawn_pair(f"w{k}", "base", x, kind="continuous", limits=None) for k, x in enumerate((0.3, -0.3))]
+DRAWN_SWERVE = robot(link("base", 10.0, BOX), *DRAWN_PIVOTS)
 PUSHED = {"force": {"frame": "truck", "axis": "x"}}
 CARTS = KINDS["two carts"]
 TURRET = "planar: 5 wheels, driven by a turret with 2 wheels"
@@ -672,10 +668,8 @@ def legged(hang, ahead=0.0, effort=10.0):
     for side, y in (("l", 0.15), ("r", -0.15)):
         turns = ("0 1 0", "revolute", 20.0, (-2, 2))
         parts += [link(f"thigh_{side}", 0.5), joint(f"hip_{side}", "base", f"thigh_{side}", (0, y, 0), *turns)]
-        parts += [
-            link(f"shank_{side}", 0.4, foot),
-            joint(f"knee_{side}", f"thigh_{side}", f"shank_{side}", (0, 0, -hang), *turns),
-        ]
+        parts += [link(f"shank_{side}", 0.4, foot)]
+        parts += [joint(f"knee_{side}", f"thigh_{side}", f"shank_{side}", (0, 0, -hang), *turns)]
         parts += [wheel(f"w_{side}", f"shank_{side}", (ahead, 0, 0), 0.06, effort)]
     return robot(*parts)
 

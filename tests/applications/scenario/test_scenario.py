@@ -5,7 +5,7 @@ import pytest
 import yaml
 
 import rnc_pin as rnc
-from urdf_parts import write
+from urdf_parts import link, robot, write
 
 SLEIGH = {
     "robot": {"urdf": "chaplygin_sleigh.urdf", "base": "planar"},
@@ -63,13 +63,10 @@ def test_a_run_needs_no_outputs(tmp_path):
 
 def test_a_robot_and_a_table_beside_the_file_are_found_from_elsewhere(tmp_path):
     (tmp_path / "way.csv").write_text("time, x")
-    (tmp_path / "cart.urdf").write_text(
-        '<robot name="cart"><link name="cart"><inertial><mass value="2"/>'
-        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>'
-    )
-    robot, reference = {"urdf": "cart.urdf", "base": "planar"}, {"primary": {"csv": "way.csv"}}
+    write(tmp_path / "cart.urdf", robot(link("cart", 2), name="cart"))
+    where, reference = {"urdf": "cart.urdf", "base": "planar"}, {"primary": {"csv": "way.csv"}}
     more = {"reference": reference, "constraints": [], "actuators": [], "comparisons": {"same": {}}}
-    scenario = rnc.Scenario.load(written(tmp_path, robot=robot, **more))
+    scenario = rnc.Scenario.load(written(tmp_path, robot=where, **more))
     (tmp_path / "elsewhere").mkdir()
     scenario.save(tmp_path / "elsewhere" / "saved.yaml")
     for each in (scenario, scenario.comparisons["same"], rnc.Scenario.load(tmp_path / "elsewhere" / "saved.yaml")):

@@ -174,10 +174,8 @@ def test_a_point_with_friction_rebounds_by_the_energetic_law(e, angle, spin):
     mass, half, radius = 2.0, 0.4, 0.01
     moment = mass * half**2 / 3
     robot = free_body(mass, [1e-3, moment, moment], tip=[half, 0.0, 0.0])
-    plant = rnc.ContactPlant(
-        rnc.NonholonomicSystem(robot),
-        [rnc.UnilateralContact(rnc.RollingBall("tip", radius), restitution=e, rest_speed=0.0)],
-    )
+    contact = rnc.UnilateralContact(rnc.RollingBall("tip", radius), restitution=e, rest_speed=0.0)
+    plant = rnc.ContactPlant(rnc.NonholonomicSystem(robot), [contact])
     x, z = half * np.cos(angle), -half * np.sin(angle) - radius  # of the point that touches, seen from the centre
     turned = pin.Quaternion(pin.rpy.rpyToMatrix(0.0, angle, 0.0)).coeffs()
     along, down = 0.7, -3.0

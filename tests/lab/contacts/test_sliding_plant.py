@@ -154,10 +154,8 @@ def car(friction, brake):
     model.upperDryFrictionLimit = limits
     model.lowerDryFrictionLimit = -limits
     robot = rnc.Robot(model)
-    contacts = [
-        rnc.UnilateralContact(rnc.RollingWheel(name + "_wheel", 0.1, axis="y"), friction=friction)
-        for name in model.names[2:]
-    ]
+    wheels = (rnc.RollingWheel(f"{name}_wheel", 0.1, axis="y") for name in model.names[2:])
+    contacts = [rnc.UnilateralContact(wheel, friction=friction) for wheel in wheels]
     return rnc.ContactPlant(rnc.NonholonomicSystem(robot), contacts, joint_friction=True, tolerance=1e-6)
 
 

@@ -51,11 +51,8 @@ def test_a_mapping_file_and_columns_by_number(tmp_path):
 
 def test_an_archive(tmp_path):
     np.savez(tmp_path / "log.npz", t=TIME, a=np.stack([TICKS, X], axis=1), yaw=YAW)
-    keys = {
-        "time": "t",
-        "joints": {"wheel": {"position": {**KEYS["joints"]["wheel"]["position"], "column": "a[0]"}}},
-        "frames": {"laser": {"x": "a[1]", "yaw": "yaw"}},
-    }
+    counter = {**KEYS["joints"]["wheel"]["position"], "column": "a[0]"}
+    keys = {"time": "t", "joints": {"wheel": {"position": counter}}, "frames": {"laser": {"x": "a[1]", "yaw": "yaw"}}}
     check(rnc.Log.read(tmp_path / "log.npz", keys))
 
 

@@ -138,10 +138,8 @@ def test_a_plan_states_the_error_of_the_loop_that_will_run_and_plants_with_dampi
     robot = rnc.Robot.from_urdf("mobile_manipulator.urdf")
     robot.model.damping[:] = 2.0
     reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce(map(rnc.JointPosition, robot.joint_names))
-    problem, plant = (
-        (reduced, q0 := robot.configuration(), q0 + 0.5, 1.0),
-        rnc.ReducedPlant(reduced, joint_damping=True),
-    )
+    q0, plant = robot.configuration(), rnc.ReducedPlant(reduced, joint_damping=True)
+    problem = (reduced, q0, q0 + 0.5, 1.0)
     plan = rnc.optimal.plan(*problem, form=form, limits=None, dt=0.02, plant=plant)
     controller = rnc.tvlqr(reduced, plan, joint_damping=True)
     run = rnc.simulate(reduced, controller, q0, 1.0, dt=0.02, plant=plant)

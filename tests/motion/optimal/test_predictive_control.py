@@ -13,11 +13,8 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*quadratic costs stall:rnc_pin.
 
 def controller_of(reduced, **options):
     place = [rnc.FramePosition("sleigh", "xy"), rnc.FrameYaw("sleigh")]
-    costs = [
-        optimal.EffortCost(0.01),
-        optimal.VelocityCost(2.0, phase="both"),
-        optimal.OutputCost(place, [1.0, 0.0, 0.0], weight=10.0, phase="both"),
-    ]
+    costs = [optimal.EffortCost(0.01), optimal.VelocityCost(2.0, phase="both")]
+    costs += [optimal.OutputCost(place, [1.0, 0.0, 0.0], weight=10.0, phase="both")]
     return PredictiveController(reduced, costs, 2.0, nodes=15, **{"bounds": [InputBound(-30.0, 30.0)], **options})
 
 

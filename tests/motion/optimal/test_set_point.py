@@ -118,11 +118,8 @@ def test_a_plan_without_a_hard_goal_arrives_by_the_cost_alone():
 PLACE, YAW = rnc.FramePosition("sleigh", "xy"), rnc.FrameYaw("sleigh")
 GOAL = {PLACE: [0.0, 0.0], YAW: 0.0}
 COSTS = [SetPointCost(GOAL, weight=10.0, velocity_weight=0.1), optimal.EffortCost(0.01)]
-QUADRATIC = [
-    optimal.OutputCost([PLACE, YAW], [0.0, 0.0, 0.0], weight=10.0, phase="both"),
-    optimal.EffortCost(0.01),
-    rnc.optimal.VelocityCost(0.1, phase="both"),
-]
+AT_GOAL = optimal.OutputCost([PLACE, YAW], [0.0, 0.0, 0.0], weight=10.0, phase="both")
+QUADRATIC = [AT_GOAL, optimal.EffortCost(0.01), optimal.VelocityCost(0.1, phase="both")]
 
 
 def controller_of(reduced, costs=COSTS, **options):

@@ -44,16 +44,9 @@ def test_random_goals_respect_the_limits_of_the_file(seed):
     goals = generator.uniform([-2, -2, -0.5], [2, 2, 2.5], (6, 3))
     jumping = SimpleNamespace(size=3, duration=np.inf, at=lambda t: Hold(goals[min(int(t / 0.5), 5)]).at(t))
     deceleration = 6.0
-    program = VelocityQP(
-        reduced,
-        [tasks.OutputTask(rnc.FramePosition("arm_7_link"), jumping, gain=4.0), tasks.DampingTask(weight=1e-3)],
-        [
-            limits.JointPositionLimit(deceleration=deceleration, margin=0.0),
-            limits.JointVelocityLimit(),
-            limits.AccelerationLimit(deceleration),
-        ],
-        dt=DT,
-    )  # fmt: skip
+    wanted = [tasks.OutputTask(rnc.FramePosition("arm_7_link"), jumping, gain=4.0), tasks.DampingTask(weight=1e-3)]
+    kept = [limits.JointPositionLimit(deceleration=deceleration, margin=0.0), limits.JointVelocityLimit()]
+    program = VelocityQP(reduced, wanted, [*kept, limits.AccelerationLimit(deceleration)], dt=DT)
     run = drive(reduced, program, q0, 3.0, DT)
     q, v = run.q[:, places], run.v
     assert (q >= low - RANGE * (high - low)).all()

@@ -130,10 +130,8 @@ def test_an_arm_stretches_towards_a_goal_out_of_reach_and_rests(name, shoulder, 
     goal = np.array([0.0, 0.0, shoulder]) + (reach + beyond) * np.array([0.6, 0.48, 0.64])
     tip = rnc.FramePosition("panda_hand" if name == "panda" else "tool0")
     q0 = robot.configuration(dict(zip(robot.joint_names[1:4], (-0.6, 0.4, -1.2), strict=True)))
-    wanted = [
-        tasks.OutputTask(tip, Hold(goal), gain=3.0),
-        tasks.PostureTask(dict.fromkeys(robot.joint_names, -0.4), priority=1),
-    ]
+    posture = tasks.PostureTask(dict.fromkeys(robot.joint_names, -0.4), priority=1)
+    wanted = [tasks.OutputTask(tip, Hold(goal), gain=3.0), posture]
     held = [limits.JointPositionLimit(), limits.JointVelocityLimit()]
     by_inputs = InverseDynamicsQP(arm, wanted, held, dt=0.01, braking_time=None)
     run = rnc.simulate(arm, by_inputs, q0, 4.0, 0.01)

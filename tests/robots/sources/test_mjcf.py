@@ -115,10 +115,8 @@ def test_a_mesh_takes_the_place_of_its_own_shape_alone(folder):
     """Names may repeat: a shape without a name is called baseGeom_0, and another one may have this name."""
     mesh = '<asset><mesh name="wedge" file="parts/wedge.obj"/></asset>'
     ball = '<body name="b" pos="1 0 0"><joint/><geom name="baseGeom_0" size="0.1"/></body>'
-    path = written(
-        folder,
-        f'<mujoco>{mesh}<worldbody><body name="base"><joint/><geom type="mesh" mesh="wedge"/></body>{ball}</worldbody></mujoco>',
-    )
+    base = '<body name="base"><joint/><geom type="mesh" mesh="wedge"/></body>'
+    path = written(folder, f"<mujoco>{mesh}<worldbody>{base}{ball}</worldbody></mujoco>")
     shapes = rnc.Robot.from_mjcf(path).visual_model.geometryObjects
     assert sorted(shape.meshPath.endswith(".obj") for shape in shapes) == [False, True]
 

@@ -23,7 +23,7 @@ from rnc_pin.io.json import dump_json
 from rnc_pin.robots.robot_files import shipped_directory
 from rnc_pin.visualization import mg
 from rnc_pin.visualization.scene_bodies import drawn_mesh, own_textures
-from urdf_parts import INERTIAL, write
+from urdf_parts import INERTIAL, inertial, write
 
 LIMIT = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
 
@@ -135,10 +135,8 @@ def robot_of(folder, text, name="r.urdf", **options):
 
 
 def arm(inside="", mass="1", moment="1", link="", limit=LIMIT):
-    inertial = f'<inertial><mass value="{mass}"/><inertia ixx="{moment}" iyy="{moment}" izz="{moment}"'
-    inertial += ' ixy="0" ixz="0" iyz="0"/></inertial>'
     return (
-        f'<robot name="r"><link name="a">{INERTIAL}</link><link name="b">{inertial}{link}</link><joint name="j" '
+        f'<robot name="r"><link name="a">{INERTIAL}</link><link name="b">{inertial(mass, moment)}{link}</link><joint name="j" '
         f'type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>{limit}{inside}</joint></robot>'
     )
 

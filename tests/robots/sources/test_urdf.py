@@ -329,10 +329,8 @@ def test_what_is_no_robot_is_refused_by_name(name):
 
 def test_numbers_are_those_of_the_file():
     robot, _ = loaded("commas.urdf")
-    places = [
-        robot.model.jointPlacements[robot.joint_id(f"{name}_joint")].translation.tolist()
-        for name in ("left_wheel", "arm")
-    ]
+    joints = (robot.joint_id(f"{name}_joint") for name in ("left_wheel", "arm"))
+    places = [robot.model.jointPlacements[joint].translation.tolist() for joint in joints]
     assert places == [[0, 0.2, 0], [0.1, 0, 0]]
     robot, _ = loaded("incomplete_inertials.urdf")
     assert robot.model.inertias[robot.joint_id("shoulder")].mass == 2
