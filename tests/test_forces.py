@@ -10,7 +10,7 @@ from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.forces import Damper, ForceFunction, SmoothFriction, Spring, Wrench
 from rnc_pin.model.user_functions import gradient
-from systems import random_states
+from systems import arm_on_base, random_states
 from textbook_systems import rail_sliders
 
 HAND = rnc.FramePosition("tip", "xy")
@@ -27,10 +27,7 @@ FORCES = [
 
 
 def of_arm(forces):
-    robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
-    drives = [rnc.FrameForce("base", "x"), rnc.FrameTorque("base", "z"), "joint_1", "joint_2"]
-    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")], drives, forces=forces)
-    return system.reduce([HAND, rnc.FrameSpeed("base"), rnc.FrameYaw("base")])
+    return arm_on_base(forces=forces).reduce([HAND, rnc.FrameSpeed("base"), rnc.FrameYaw("base")])
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from bodies import add_body
+from bodies import add_body, frame_placement
 from rnc_pin.model.coordinates import Coordinates, left_jacobian
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.motion.planning import Harmonic, Hold, MinimumJerk
@@ -148,19 +148,13 @@ def states(robot, count=5):
     return [(robot.random_configuration(generator), generator.uniform(-1, 1, robot.nv)) for _ in range(count)]
 
 
-def rotation(robot, frame, q):
-    data = robot.model.createData()
-    pin.framesForwardKinematics(robot.model, data, q)
-    return data.oMf[robot.frame_id(frame)].rotation.copy()
-
-
 @pytest.mark.parametrize("axis", AXES)
 def test_a_tilt_is_the_angle_above_the_horizon(axis, arm):
     reduced = free_of(arm, [rnc.FrameTilt("hand", axis)])
     assert reduced.vertical.names == (f"hand_tilt_{axis}",)
     assert not reduced.vertical.quasi.any()
     for q, _ in states(arm):
-        height = rotation(arm, "hand", q)[2, AXES.index(axis)]
+        height = frame_placement(arm, q, "hand").rotation[2, AXES.index(axis)]
         np.testing.assert_allclose(reduced.at(q).outputs()[0], [np.arcsin(height)], atol=ROUNDING)
 
 
@@ -171,9 +165,9 @@ def test_an_angular_velocity_is_the_rate_of_the_rotation(axes, arm):
     assert reduced.vertical.quasi.all()
     assert not reduced.vertical.angular.any()  # its integral is no angle: a turn more is a turn more
     for q, v in states(arm):
-        here = rotation(arm, "hand", q)
-        turned = slope(arm.model, lambda p, here=here: pin.log3(here.T @ rotation(arm, "hand", p)), q, v)
-        expected = turned if axes == "own" else here @ turned
+        own = frame_placement(arm, q, "hand").inverse()
+        turned = slope(arm.model, lambda p, own=own: pin.log3((own * frame_placement(arm, p, "hand")).rotation), q, v)
+        expected = turned if axes == "own" else own.rotation.T @ turned
         np.testing.assert_allclose(reduced.at(q, v).v1, expected, atol=FINITE_DIFFERENCE)
 
 

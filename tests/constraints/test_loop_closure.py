@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from bodies import add_body, add_frame
+from bodies import add_body, add_frame, frame_placement
 from refusals import refused
 from rnc_pin.model.kinematics import Kinematics
 from simple_controllers import Idle
@@ -98,10 +98,8 @@ def test_a_loop_closes_with_the_orientation_and_offsets_that_it_is_given():
     rpy, offset_a, offset_b = (0.3, -0.5, 0.8), (0.1, 0.0, -0.2), (0.0, 0.05, 0.1)
     loop = rnc.LoopClosure("panda_link2", "panda_hand", "frame", offset_a, offset_b, rpy).bind(robot)
     point = rnc.LoopClosure("panda_link2", "panda_hand", "point", offset_a, offset_b).bind(robot)
-    model, data = robot.model, robot.model.createData()
     q = robot.random_configuration(np.random.default_rng(3))
-    pin.framesForwardKinematics(model, data, q)
-    a, b = (data.oMf[robot.frame_id(name)] for name in ("panda_link2", "panda_hand"))
+    a, b = (frame_placement(robot, q, name) for name in ("panda_link2", "panda_hand"))
     wanted = a * pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array(offset_a))
     gap = wanted.actInv(b * pin.SE3(np.eye(3), np.array(offset_b)))
     position = Kinematics(robot).position(q)

@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import frame_placement
 from driven_bases import KINDS, RADIUS, KinematicPlant, drafted_model
 from rnc_pin.constraints.wheeled_base import WheeledBase
 from rnc_pin.control import TwistController, WheelOdometry
@@ -21,9 +22,7 @@ def cart():
 
 
 def pose_of(reduced, q, frame="base"):
-    data = reduced.robot.model.createData()
-    pin.framesForwardKinematics(reduced.robot.model, data, q)
-    placed = data.oMf[reduced.robot.frame_id(frame)]
+    placed = frame_placement(reduced.robot, q, frame)
     return np.array([*placed.translation[:2], np.arctan2(placed.rotation[1, 0], placed.rotation[0, 0])])
 
 

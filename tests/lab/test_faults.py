@@ -14,7 +14,7 @@ import rnc_pin as rnc
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.plants import ChangingPlant, FaultyPlant, ReducedPlant
-from systems import mobile_manipulator
+from systems import arm_on_base, mobile_manipulator
 
 DT = 0.01
 
@@ -81,8 +81,7 @@ def heavier(factor):
     robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
     for joint, inertia in enumerate(robot.model.inertias):
         robot.model.inertias[joint] = pin.Inertia(factor * inertia.mass, inertia.lever, factor * inertia.inertia)
-    drives = [rnc.FrameForce("base", "x"), rnc.FrameTorque("base", "z"), "joint_1", "joint_2"]
-    return rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")], drives).reduce()
+    return arm_on_base(robot).reduce()
 
 
 @pytest.mark.parametrize("kind", ["other masses", "load in mid-run"])

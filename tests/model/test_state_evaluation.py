@@ -14,7 +14,7 @@ from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduction_data import ReductionData, VelocityRows
 from rnc_pin.model.rows import OutputRows, OutputStack, RowStack
 from rnc_pin.model.state_evaluation import StateEvaluation, kinematic_gradient
-from systems import ALL, random_states, space_robot, spinning_space_robot, tiago, without_outputs
+from systems import ALL, arm_on_base, random_states, space_robot, spinning_space_robot, tiago, without_outputs
 from tolerances import KKT, ROUNDING
 
 QUANTITIES = [
@@ -435,19 +435,16 @@ def test_what_was_found_goes_over_to_other_velocities_and_other_reductions(syste
 @pytest.mark.parametrize("passive", [False, True])
 def test_accelerations_of_rows_are_those_of_the_dynamics(passive):
     """Against the constrained dynamics of the full system, with inputs and without."""
-    robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
-    forces = [rnc.forces.Spring(rnc.JointPosition("joint_1"), 30.0)] if passive else []
-    drives = [rnc.FrameForce("base", "x"), rnc.FrameTorque("base", "z"), "joint_1", "joint_2"]
-    reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")], drives, forces=forces).reduce()
+    reduced = arm_on_base(forces=[rnc.forces.Spring(rnc.JointPosition("joint_1"), 30.0)] * passive).reduce()
     (q, v2), rows = random_states(reduced, 1, seed=3)[0], np.random.default_rng(4).normal(size=(3, 4))
     state = reduced.at(q, v2)
     by_input, free = (rows @ each for each in state.input_accelerations)
     A, T = state.A, np.array([3.0, -2.0, 1.0, 4.0])
     spring = np.zeros(5)
     if passive:
-        spring[3] = -30.0 * q[robot.model.joints[robot.model.getJointId("joint_1")].idx_q]
+        spring[3] = -30.0 * q[reduced.robot.model.joints[reduced.robot.model.getJointId("joint_1")].idx_q]
     matrix = np.block([[state.M, A.T], [A, np.zeros((1, 1))]])
-    bias = pin.nonLinearEffects(robot.model, robot.model.createData(), q, state.v) - spring
+    bias = pin.nonLinearEffects(reduced.robot.model, reduced.robot.model.createData(), q, state.v) - spring
     for inputs in (np.zeros(4), T):
         right = np.concatenate([state.B @ inputs - bias, -(state.A_dot @ state.v)])
         v2_dot = np.linalg.lstsq(state.R, np.linalg.solve(matrix, right)[:5] - state.R_dot @ v2, rcond=None)[0]

@@ -7,6 +7,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import frame_placement
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.rows import OutputStack
 from rnc_pin.model.task import OutputTargets
@@ -47,14 +48,13 @@ def test_targets_measure_what_is_left_to_them():
     place, turn = rnc.FramePosition("hand", "zx"), rnc.FrameOrientation("hand")
     targets = OutputTargets(reduced, {place: [0.1, -0.2], "hand_tilt_z": 0.7, turn: goal, "satellite_y": 1.5})
     assert [(each.start, each.stop) for each in targets.places] == [(0, 2), (2, 3), (3, 6), (6, 7)]
-    kinematics, data, generator = Kinematics(robot), robot.model.createData(), np.random.default_rng(6)
+    kinematics, generator = Kinematics(robot), np.random.default_rng(6)
     many = np.array([robot.random_configuration(generator) for _ in range(3)])
     errors = targets.error(kinematics.position(many))
     for q, error, J in zip(many, errors, targets.jacobian(kinematics.position(many), errors), strict=True):
-        pin.framesForwardKinematics(robot.model, data, q)
-        hand = data.oMf[robot.frame_id("hand")]
+        hand = frame_placement(robot, q, "hand")
         expected = [0.1 - hand.translation[2], -0.2 - hand.translation[0], 0.7 - np.arcsin(hand.rotation[2, 2])]
-        y = data.oMf[robot.frame_id("satellite")].translation[1]
+        y = frame_placement(robot, q, "satellite").translation[1]
         np.testing.assert_allclose(error, [*expected, *pin.log3(goal @ hand.rotation.T), 1.5 - y], atol=1e-12)
         slopes = gradient(robot.model, lambda p: targets.error(kinematics.position(p)), q, 1e-3)
         np.testing.assert_allclose(J, -slopes, atol=1e-8)

@@ -12,7 +12,7 @@ from rnc_pin.plants import ReducedPlant
 from rnc_pin.plants.constrained_dynamics import RunStarts, runs_of
 from rnc_pin.plants.friction import INSTANT, _least_energy
 from simple_controllers import Inputs
-from systems import floating_robot
+from systems import arm_on_base, floating_robot
 
 MASS = 2.0
 DAMPED, RUBBED = {"joint_damping": True}, {"joint_friction": True}
@@ -47,10 +47,8 @@ def manipulator(damping=0.0, friction=0.0):
     robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
     robot.model.damping = np.r_[np.zeros(3), damping * np.ones(2)]
     robot.model.upperDryFrictionLimit = np.r_[np.zeros(3), friction * np.ones(2)]
-    drives = [rnc.FrameForce("base", "x"), rnc.FrameTorque("base", "z"), "joint_1", "joint_2"]
-    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")], drives)
     kinds = [rnc.FrameSpeed("base"), rnc.FrameYaw("base"), rnc.JointPosition("joint_1"), rnc.JointPosition("joint_2")]
-    return system.reduce(kinds), robot.configuration({"joint_1": 0.4, "joint_2": 1.2})
+    return arm_on_base(robot).reduce(kinds), robot.configuration({"joint_1": 0.4, "joint_2": 1.2})
 
 
 V2, PUSH = np.array([0.5, 0.4, 0.5, -0.6]), np.array([2.0, 1.0, -0.5, 0.3])

@@ -5,18 +5,14 @@ import pytest
 
 import rnc_pin as rnc
 import systems
+from controlled_tasks import reaching
 from refusals import refused
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.plants import FaultyPlant, VelocityPlant
 
 
 def reach():
-    reduced = systems.mobile_manipulator()
-    task = rnc.Task.of(reduced, ["tip_x", "tip_y", "base_yaw"], ["base_speed_x"], ["distance_base_tip"])
-    q0 = reduced.robot.configuration({"joint_1": 0.5, "joint_2": -1.2})
-    x1, x2 = reduced.at(q0).outputs()
-    way = rnc.planning.MinimumJerk(x2[task.primary], x2[task.primary] + [1.0, 0.4, 0.3], 3.0)
-    target = rnc.control.RedundancyController(task, way, rnc.planning.Hold(x1[task.vertical]), k21=2.0)
+    reduced, target, q0 = reaching(3.0)
     return reduced, target, rnc.control.ActuatorVelocityController(reduced, target), q0
 
 

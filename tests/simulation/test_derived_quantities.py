@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import frame_placement
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.simulation.derived_quantities import ground_bodies
 from systems import fire_truck, free_flying_panda, space_robot
@@ -24,11 +25,8 @@ def test_a_steered_vehicle_is_its_chassis_not_its_forks():
 def test_a_trailer_stands_on_its_axle_even_if_that_is_steered():
     reduced = fire_truck()
     q = reduced.robot.configuration({"root_joint": [0.0, 0.0, 0.3], "rear_steering": 0.4})
-    found, robot = poses(reduced, q), reduced.robot
-    data = robot.model.createData()
-    pin.framesForwardKinematics(robot.model, data, q)
-    axle = data.oMf[robot.frame_id("rear_axle")].translation
-    np.testing.assert_allclose(found["trailer"][:2], axle[:2], atol=1e-12)
+    axle = frame_placement(reduced.robot, q, "rear_axle").translation
+    np.testing.assert_allclose(poses(reduced, q)["trailer"][:2], axle[:2], atol=1e-12)
 
 
 def test_a_wheel_by_itself_looks_where_it_rolls():

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import coal
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import frame_placement
 from rnc_pin.collision import Obstacle, ground_shape
 from rnc_pin.simulation import obstacles_passed, replay_limits
 from urdf_parts import joint, link, read, wheel
@@ -53,9 +53,7 @@ def test_excesses_are_found_with_time_and_share(run_of_panda):
 
 def test_collisions_with_obstacles_are_found(run_of_panda):
     robot, run = run_of_panda
-    start = robot.model.createData()
-    pin.framesForwardKinematics(robot.model, start, run.q[-1])
-    hand = start.oMf[robot.frame_id("panda_hand")].translation
+    hand = frame_placement(robot, run.q[-1], "panda_hand").translation
     ball = Obstacle(coal.Sphere(0.05), position=hand, name="ball")
     replay = replay_limits(robot, run, [ball], step=0.02)
     worst = replay.collisions[0]

@@ -31,6 +31,13 @@ def add_frame(model, name, joint=0, at=(0, 0, 0)):
     return model.addFrame(pin.Frame(name, joint, 0, place, pin.FrameType.OP_FRAME))
 
 
+def frame_placement(robot, q, name):
+    """Placement of a frame in the world, by Pinocchio itself."""
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, q)
+    return data.oMf[robot.frame_id(name)].copy()
+
+
 def free_body(mass, moments, **frames):
     """Return a robot of one free body with frames at given places."""
     model = pin.Model()

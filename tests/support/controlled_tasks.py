@@ -10,7 +10,7 @@ from rnc_pin.control import RedundancyController, UnknownMass
 from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.motion.planning import Harmonic, Hold, MinimumJerk
 from rnc_pin.references.reference import ReferencePoint
-from systems import space_robot
+from systems import arm_on_base, mobile_manipulator, space_robot
 
 
 class Cubic:
@@ -66,6 +66,16 @@ def task_at(primary, redundant, vertical):
     return rnc.Task(*places, *names, *on_lines, r=len(primary) + len(redundant))
 
 
+def reaching(duration):
+    """The manipulator whose tip and base go to a place and heading, in a kinematic law: model, law and start."""
+    reduced = mobile_manipulator()
+    task = rnc.Task.of(reduced, ["tip_x", "tip_y", "base_yaw"], ["base_speed_x"], ["distance_base_tip"])
+    q0 = reduced.robot.configuration({"joint_1": 0.5, "joint_2": -1.2})
+    x1, x2 = reduced.at(q0).outputs()
+    way = MinimumJerk(x2[task.primary], x2[task.primary] + [1.0, 0.4, 0.3], duration)
+    return reduced, RedundancyController(task, way, Hold(x1[task.vertical]), k21=2.0), q0
+
+
 LIMITS = {"joint_1": (-1.5, 1.5), "joint_2": (-1.5, -0.35)}
 
 
@@ -78,10 +88,8 @@ def manipulator():
         index = robot.model.joints[robot.joint_id(joint)].idx_q
         low[index], high[index] = first, last
     robot.model.lowerPositionLimit, robot.model.upperPositionLimit = low, high
-    drive = [rnc.FrameForce("base", "x"), rnc.FrameTorque("base", "z"), "joint_1", "joint_2"]
     outputs = [rnc.FramePosition("tip", "xy"), rnc.FrameSpeed("base"), rnc.JointPosition("joint_1")]
-    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")], drive)
-    reduced = system.reduce(outputs, [rnc.FrameYaw("base")])
+    reduced = arm_on_base(robot).reduce(outputs, [rnc.FrameYaw("base")])
     return reduced, rnc.Task.of(reduced, ["tip_x", "tip_y"], ["base_speed_x", "joint_1"])
 
 

@@ -4,8 +4,8 @@ import threading
 from contextlib import contextmanager
 
 import numpy as np
-import pinocchio as pin
 
+from bodies import frame_placement
 from patience import PATIENCE
 from rnc_pin.applications.drive.commands import LoggedCommand, parse_command
 from rnc_pin.applications.drive.preparation import prepare_drive, read_source
@@ -63,15 +63,12 @@ def reduced_of(drive):
 
 def point_of(drive, q, frame):
     """Position of a frame (3,) by Pinocchio itself."""
-    return placement_of(drive, q, frame).translation.copy()
+    return placement_of(drive, q, frame).translation
 
 
 def placement_of(drive, q, frame):
     """Placement of a frame by Pinocchio itself."""
-    robot = reduced_of(drive).robot
-    data = robot.model.createData()
-    pin.framesForwardKinematics(robot.model, data, q)
-    return pin.SE3(data.oMf[robot.frame_id(frame)])
+    return frame_placement(reduced_of(drive).robot, q, frame)
 
 
 def pose_of(drive, q):

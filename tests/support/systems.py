@@ -1,5 +1,6 @@
 """The systems that invariants are tested on: the paper's three, and robots nobody prepared for this."""
 
+from collections.abc import Sequence
 from functools import cache
 from itertools import islice
 from pathlib import Path
@@ -50,13 +51,17 @@ def space_robot_in_joints() -> rnc.ReducedModel:
     return in_joints(floating_robot())
 
 
+def arm_on_base(robot: rnc.Robot | None = None, forces: Sequence = ()) -> rnc.NonholonomicSystem:
+    """The mobile manipulator, or a changed one, with a motor for each motion that its axle leaves."""
+    robot = robot or rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+    drives = [rnc.FrameForce("base", "x"), rnc.FrameTorque("base", "z"), "joint_1", "joint_2"]
+    return rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")], drives, forces=forces)
+
+
 @cache
 def mobile_manipulator() -> rnc.ReducedModel:
-    robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
-    drive = [rnc.FrameForce("base", "x"), rnc.FrameTorque("base", "z"), "joint_1", "joint_2"]
     outputs = [rnc.FramePosition("tip", "xy"), rnc.FrameSpeed("base"), rnc.FrameYaw("base")]
-    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")], drive)
-    return system.reduce(outputs, [rnc.Distance("base", "tip"), rnc.FramePosition("base", "xy")])
+    return arm_on_base().reduce(outputs, [rnc.Distance("base", "tip"), rnc.FramePosition("base", "xy")])
 
 
 @cache

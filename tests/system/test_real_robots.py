@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from bodies import add_body
+from bodies import add_body, frame_placement
 from tolerances import ROUNDING
 
 
@@ -21,11 +21,8 @@ def test_a_mounted_robot_moves_as_it_does_alone():
     assert total == pytest.approx(sum(parts))
     generator = np.random.default_rng(0)
     base, q = satellite.random_configuration(generator), arm.random_configuration(generator)
-    data, alone = both.model.createData(), arm.model.createData()
-    pin.framesForwardKinematics(both.model, data, np.r_[base, q])
-    pin.framesForwardKinematics(arm.model, alone, q)
-    expected = data.oMf[both.frame_id("mount")] * place * alone.oMf[arm.frame_id("panda_hand")]
-    assert expected.isApprox(data.oMf[both.frame_id("panda_hand")], ROUNDING)
+    mount, hand = (frame_placement(both, np.r_[base, q], name) for name in ("mount", "panda_hand"))
+    assert (mount * place * frame_placement(arm, q, "panda_hand")).isApprox(hand, ROUNDING)
     shapes = len(satellite.visual_model.geometryObjects) + len(arm.visual_model.geometryObjects)
     assert len(both.visual_model.geometryObjects) == shapes
 

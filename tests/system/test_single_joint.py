@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import frame_placement
 from tolerances import ROUNDING
 from urdf_parts import joint, link, read
 
@@ -23,9 +24,7 @@ def test_one_joint_is_named_set_and_read(kind, axis, tmp_path):
         q = robot.configuration({"hinge": angle})
         assert robot.joint_values(q) == pytest.approx({"hinge": angle}, abs=ROUNDING)
         assert reduced.at(q).outputs()[1] == pytest.approx([angle], abs=ROUNDING)
-        data = robot.model.createData()
-        pin.framesForwardKinematics(robot.model, data, q)
-        turned = data.oMf[robot.frame_id("bob")].rotation
+        turned = frame_placement(robot, q, "bob").rotation
         np.testing.assert_allclose(turned, pin.exp3(angle * np.array(axis.split(), float)), atol=ROUNDING)
     with pytest.raises(rnc.ModelError, match=r"joint 'hinge' takes 1 value, found 3$"):
         robot.configuration({"hinge": [1, 2, 3]})

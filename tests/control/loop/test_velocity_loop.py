@@ -8,6 +8,7 @@ import pytest
 import rnc_pin as rnc
 import systems
 from bodies import add_frame
+from controlled_tasks import reaching
 from simple_controllers import Memoryless
 
 DT = 0.02
@@ -18,23 +19,13 @@ def differential_drive(speed=0.4, turn=0.3):
     return reduced, rnc.control.ReducingOutputController(reduced, rnc.planning.Hold([speed, turn]))
 
 
-def arm_on_wheels():
-    reduced = systems.mobile_manipulator()
-    task = rnc.Task.of(reduced, ["tip_x", "tip_y", "base_yaw"], ["base_speed_x"], ["distance_base_tip"])
-    q0 = reduced.robot.configuration({"joint_1": 0.5, "joint_2": -1.2})
-    x1, x2 = reduced.at(q0).outputs()
-    way = rnc.planning.MinimumJerk(x2[task.primary], x2[task.primary] + [1.0, 0.4, 0.3], duration=4.0)
-    target = rnc.control.RedundancyController(task, way, rnc.planning.Hold(x1[task.vertical]), k21=2.0)
-    return reduced, target, q0
-
-
 def constant(v2):
     """Return a target that does not change."""
     return Memoryless(lambda *_: rnc.control.VelocityTarget(np.array(v2, dtype=float), np.zeros(len(v2))))
 
 
 def test_a_command_is_the_admissible_motion_of_the_target():
-    reduced, target, q0 = arm_on_wheels()
+    reduced, target, q0 = reaching(4.0)
     v = reduced.at(q0, np.array([0.1, -0.2, 0.1, 0.2])).v
     loop = rnc.VelocityLoop(reduced, target, DT, limits=False)
     loop.step(0.0, q0, v)
@@ -96,7 +87,7 @@ def test_invalid_measurements_hold_the_command_and_then_stop():
 
 
 def test_brake_lets_velocities_decay_within_the_constraints():
-    reduced, target, q0 = arm_on_wheels()
+    reduced, target, q0 = reaching(4.0)
     loop = rnc.VelocityLoop(reduced, target, DT, fallback="brake", timeout=0.0, brake=5.0)
     v = reduced.at(q0, np.zeros(4)).v
     loop.step(0.0, q0, v)

@@ -12,7 +12,7 @@ import rnc_pin as rnc
 from bodies import add_body, add_frame
 from refusals import refused
 from rnc_pin.errors import missing_extra
-from systems import differential_drive, floating_robot, sleigh
+from systems import arm_on_base, differential_drive, floating_robot, sleigh
 
 mujoco = pytest.importorskip("mujoco", reason="comes with the extra mujoco")
 
@@ -297,10 +297,8 @@ def test_forces_on_a_car_become_torques_of_its_drawn_wheels():
 
 
 def test_what_would_tip_is_held_level():
-    robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
-    drives = [rnc.FrameForce("base", "x"), rnc.FrameTorque("base", "z"), "joint_1", "joint_2"]
-    reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")], drives).reduce()
-    q0 = robot.configuration({"joint_1": 0.5, "joint_2": -1.2})
+    reduced = arm_on_base().reduce()
+    q0 = reduced.robot.configuration({"joint_1": 0.5, "joint_2": -1.2})
     plant, q, _ = driven(reduced, q0, np.array([0.3, 0.2, 0.0, 0.0]), np.array([5.0, 3.0, 0.5, 0.2]), 1.0)
     assert (plant.stance, plant.wheel_driven) == ("level", ("force(base.x)", "torque(base.z)"))
     assert q < 1e-3

@@ -9,7 +9,7 @@ import pytest
 
 import rnc_pin as rnc
 import systems
-from bodies import add_body
+from bodies import add_body, frame_placement
 from rnc_pin.collision import CollisionDistances, Obstacle
 from rnc_pin.motion.planning import inverse_kinematics
 from rnc_pin.motion.planning.inverse_kinematics import Descent, Residuals, TangentBounds, descend
@@ -145,10 +145,7 @@ def random_pose(robot, frame, generator):
     model = robot.model
     lower = np.where(np.abs(model.lowerPositionLimit) < 1e3, model.lowerPositionLimit, -1.0)
     upper = np.where(np.abs(model.upperPositionLimit) < 1e3, model.upperPositionLimit, 1.0)
-    q = pin.normalize(model, generator.uniform(lower, upper))
-    data = model.createData()
-    pin.framesForwardKinematics(model, data, q)
-    return data.oMf[robot.frame_id(frame)].copy()
+    return frame_placement(robot, pin.normalize(model, generator.uniform(lower, upper)), frame)
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -156,7 +153,6 @@ def test_reachable_poses_of_published_robots_are_reached(name):
     options, frame = ROBOTS[name]
     robot = rnc.Robot.from_example(name, **options)
     reduced, generator = rnc.NonholonomicSystem(robot).reduce(), np.random.default_rng(1)
-    data = robot.model.createData()
     for seed in range(10):
         goal = random_pose(robot, frame, generator)
         targets = {rnc.FramePosition(frame): goal.translation, rnc.FrameOrientation(frame): goal.rotation}
@@ -165,8 +161,7 @@ def test_reachable_poses_of_published_robots_are_reached(name):
         lower, upper = robot.model.lowerPositionLimit, robot.model.upperPositionLimit
         bounded = (lower < upper) & (np.abs(lower) < 1e300)
         assert ((result.q >= lower) & (result.q <= upper))[bounded].all()
-        pin.framesForwardKinematics(robot.model, data, result.q)
-        assert np.linalg.norm(pin.log6(data.oMf[robot.frame_id(frame)].actInv(goal)).vector) < 3e-6
+        assert np.linalg.norm(pin.log6(frame_placement(robot, result.q, frame).actInv(goal)).vector) < 3e-6
 
 
 def test_rolling_rows_are_ignored_and_named():

@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import frame_placement
 from driven import drive
 from rnc_pin.control import ControlSample, VelocityQP, tasks
 from rnc_pin.motion.planning import Hold, MinimumJerk
@@ -21,14 +22,7 @@ def decay(reduced, task, q0, error):
 
 
 def frame_place(reduced, name):
-    model, frame = reduced.robot.model, reduced.robot.frame_id(name)
-    data = model.createData()
-
-    def place(q):
-        pin.framesForwardKinematics(model, data, q)
-        return data.oMf[frame].copy()
-
-    return place
+    return lambda q: frame_placement(reduced.robot, q, name)
 
 
 def posture_case():
