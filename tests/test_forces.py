@@ -14,16 +14,11 @@ from systems import arm_on_base, random_states
 from textbook_systems import rail_sliders
 
 HAND = rnc.FramePosition("tip", "xy")
-FORCES = [
-    Spring(rnc.Distance("base", "tip"), 40.0, 0.3),
-    Spring(HAND, (5.0, 2.0), (0.1, -0.2)),
-    Damper(rnc.FrameSpeed("base"), 3.0),
-    Damper(rnc.Distance("base", "tip"), 7.0),
-    SmoothFriction(rnc.JointPosition("joint_1"), 2.0, 0.4),
-    Wrench("tip", (1.0, -2.0, 0.5), (0.3, 0.2, 0.7)),
-    Wrench("base", (4.0, 1.0, 0.0), (0.0, 0.0, 0.6), axes="own"),
-    ForceFunction(lambda q, v: -0.2 * np.abs(v) * v - 0.1 * np.sin(q[0]) * v),
-]
+FORCES = [Spring(rnc.Distance("base", "tip"), 40.0, 0.3), Spring(HAND, (5.0, 2.0), (0.1, -0.2))]
+FORCES += [Damper(rnc.FrameSpeed("base"), 3.0), Damper(rnc.Distance("base", "tip"), 7.0)]
+FORCES += [SmoothFriction(rnc.JointPosition("joint_1"), 2.0, 0.4), Wrench("tip", (1.0, -2.0, 0.5), (0.3, 0.2, 0.7))]
+FORCES += [Wrench("base", (4.0, 1.0, 0.0), (0.0, 0.0, 0.6), axes="own")]
+FORCES += [ForceFunction(lambda q, v: -0.2 * np.abs(v) * v - 0.1 * np.sin(q[0]) * v)]
 
 
 def of_arm(forces):

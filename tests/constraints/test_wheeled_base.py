@@ -9,16 +9,9 @@ from bodies import frame_placement
 from driven_bases import KINDS, RADIUS, KinematicPlant, drafted_model
 from rnc_pin.constraints.wheeled_base import WheeledBase
 from rnc_pin.control import TwistController, WheelOdometry
-from systems import mobile_manipulator
-from textbook_systems import differential_drive
+from systems import differential_drive, mobile_manipulator
 
 pytestmark = pytest.mark.usefixtures("brief")
-
-
-def cart():
-    robot = differential_drive()
-    wheels = [rnc.RollingWheel(f"{side}_wheel", 0.1) for side in ("left", "right")]
-    return rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"]).reduce()
 
 
 def pose_of(reduced, q, frame="base"):
@@ -29,7 +22,7 @@ def pose_of(reduced, q, frame="base"):
 @pytest.mark.parametrize("turn", [0.0, 1e-9, 0.3, 1.0, -1.3])
 def test_one_step_of_any_size_is_an_arc(turn):
     """Wheels at 0.2 m: the arc has the length (l + r) R / 2 and the angle (r - l) R / 0.4. A full circle returns."""
-    reduced, length = cart(), 0.04
+    reduced, length = differential_drive(), 0.04
     mean, half = length / RADIUS, 0.2 * turn / RADIUS
     after = reduced.robot.configuration({"left_wheel_joint": mean - half, "right_wheel_joint": mean + half})
     found = WheelOdometry(reduced, "base").step([1.0, 2.0, 0.5], reduced.robot.configuration(), after)
@@ -41,7 +34,7 @@ def test_one_step_of_any_size_is_an_arc(turn):
 
 def test_the_covariance_of_a_step_is_that_of_its_wheels():
     """Independent errors of two wheels at 0.2 m: the forward motion has their mean, the turn their difference / 0.4."""
-    reduced, encoder, slip = cart(), 0.03, 0.002
+    reduced, encoder, slip = differential_drive(), 0.03, 0.002
     after = reduced.robot.configuration({"left_wheel_joint": 1.0, "right_wheel_joint": 1.5})
     step = WheelOdometry(reduced, "base").increment(reduced.robot.configuration(), after)
     wheel = (RADIUS * encoder) ** 2 + slip**2
@@ -107,11 +100,11 @@ def test_slip_is_the_motion_that_no_motion_of_the_base_explains():
 
 def test_joints_that_do_not_show_the_base_are_refused():
     with pytest.raises(rnc.ConfigurationError, match="positions of left_wheel_joint do not show the motion of 'base'"):
-        WheelOdometry(cart(), "base", ["left_wheel_joint"])
+        WheelOdometry(differential_drive(), "base", ["left_wheel_joint"])
     with pytest.raises(rnc.ConfigurationError, match="positions of joint_1, joint_2 do not show"):
         WheelOdometry(mobile_manipulator(), "base")  # forces drive its base
     with pytest.raises(rnc.ModelError, match="did you mean 'left_wheel_joint'"):
-        WheelOdometry(cart(), "base", ["left_wheel_joit"])
-    q = cart().robot.configuration()
+        WheelOdometry(differential_drive(), "base", ["left_wheel_joit"])
+    q = differential_drive().robot.configuration()
     with pytest.raises(rnc.InputError, match="pose"):
-        WheelOdometry(cart(), "base").step([0.0, 1.0], q, q)
+        WheelOdometry(differential_drive(), "base").step([0.0, 1.0], q, q)

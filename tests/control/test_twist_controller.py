@@ -8,8 +8,7 @@ import rnc_pin as rnc
 from driven_bases import KINDS, RADIUS, STEERING_RATE, KinematicPlant, drafted_model, tricycle, turret
 from rnc_pin.control import TwistController
 from rnc_pin.control.actuator_velocity import velocity_from_actuators
-from systems import ackermann_car, bicycle, fire_truck, spinning_space_robot
-from textbook_systems import differential_drive
+from systems import ackermann_car, bicycle, differential_drive, fire_truck, spinning_space_robot
 
 pytestmark = pytest.mark.usefixtures("brief")
 
@@ -394,13 +393,11 @@ def test_a_step_of_the_command_keeps_the_accelerations(name):
 
 def test_a_limit_of_speed_scales_the_twist_as_a_whole():
     """Wheels of 0.1 m at 0.2 m: at (1, 0, 2) the right one needs 14 rad/s; a limit of 7 halves the twist."""
-    wheels = [rnc.RollingWheel(f"{side}_wheel", 0.1) for side in ("left", "right")]
-    robot = differential_drive()
-    reduced = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"]).reduce()
+    reduced = differential_drive()
     limits = np.full(reduced.n, np.inf)
-    limits[robot.velocity_indices("right_wheel_joint").start] = 7.0
+    limits[reduced.robot.velocity_indices("right_wheel_joint").start] = 7.0
     controller = TwistController(reduced, "base", limits=limits)
-    command, _ = controller.step(robot.configuration(), [1.0, 0.0, 2.0], controller.initial_state())
+    command, _ = controller.step(reduced.robot.configuration(), [1.0, 0.0, 2.0], controller.initial_state())
     np.testing.assert_allclose(command.twist, [0.5, 0.0, 1.0], atol=1e-9)
     (cut,) = command.cuts
     assert str(cut) == "right_wheel_joint is at its velocity limit: the twist is scaled by 0.5"
@@ -418,7 +415,7 @@ def test_a_trailer_at_the_limit_of_its_hitch_stops_the_car():
 
 def test_a_base_has_three_velocities_in_the_plane_and_enough_motors():
     wheels = [rnc.RollingWheel(f"{side}_wheel", 0.1) for side in ("left", "right")]
-    idle = rnc.NonholonomicSystem(differential_drive(), wheels, ["left_wheel_joint"]).reduce()
+    idle = rnc.NonholonomicSystem(differential_drive().robot, wheels, ["left_wheel_joint"]).reduce()
     car, turning = ackermann_car(), spinning_space_robot()
     for reduced, frame, options, words in (
         (car, "bass", {}, "did you mean 'base'"),

@@ -1,7 +1,6 @@
 """One layout rule for every size: nothing overlaps, nothing leaves the figure, no warning is issued."""
 
 import gc
-import warnings
 from dataclasses import replace
 from itertools import combinations
 
@@ -67,14 +66,13 @@ def overlap(a, b):
     return min(min(a.x1, b.x1) - max(a.x0, b.x0), min(a.y1, b.y1) - max(a.y0, b.y0))
 
 
+@pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize(("size", "compared"), [*((size, True) for size in SIZES), ("column", False)], ids=str)
 def test_nothing_overlaps_at_any_size(drive, size, compared):
     """With a comparison, whose legends are larger; without one where there is least room."""
     others = {"another run with a long name": replace(drive, x2=drive.x2 + 0.1)} if compared else {}
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        figure = drive.plot(size=size, comparisons=others, title="A title that is longer than one line of a column")
-        check(figure)
+    figure = drive.plot(size=size, comparisons=others, title="A title that is longer than one line of a column")
+    check(figure)
     if size is not None:
         assert figure.get_figwidth() == ({"column": 3.4, "page": 7.0}.get(size) or size[0])
     if isinstance(size, tuple):

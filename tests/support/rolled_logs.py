@@ -156,11 +156,8 @@ CAR = Vehicle(
         *(("base", f"{side}_rear", (0, s * 0.35, 0.15), Y) for side, s in (("left", 1), ("right", -1))),
     ),
     # A lateral row of both steered wheels would leave a rank that changes with their angles.
-    lambda p: [
-        rnc.RollingWheel(f"{side}_{end}", p[end], lateral=(side, end) != ("right", "front"))
-        for side in ("left", "right")
-        for end in ("front", "rear")
-    ],
+    lambda p: [rnc.RollingWheel(f"{side}_{end}", p[end], lateral=(side, end) != ("right", "front"))
+               for side in ("left", "right") for end in ("front", "rear")],
     _car,
 )  # fmt: skip
 

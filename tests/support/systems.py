@@ -368,21 +368,15 @@ def free_arm():
 def sprung_arm():
     """Free base with a continuous joint and a slider, and a force of every kind."""
     of = rnc.forces
-    forces = [
-        of.Spring(rnc.JointPosition("hand"), 40.0, 0.3),
-        of.Spring(rnc.JointPosition("arm"), 2.0, 3.0),
-        of.SmoothFriction(rnc.JointPosition("arm"), 0.7, 0.4),
-        of.Spring(rnc.Distance("base", "tip"), 20.0, 0.3),
-        of.Damper(rnc.Distance("base", "tip"), 3.0),
-        of.Spring(rnc.FramePosition("tip", "zx"), (5.0, 2.0), (0.1, -0.2)),
-        of.SmoothFriction(rnc.FramePosition("upper", "y"), 1.0, 0.6),
-        of.Spring(rnc.FrameYaw("tip", "x"), 1.5, -3.0),
-        of.Damper(rnc.FrameTilt("tip", "y"), 1.1),
-        of.Damper(rnc.FrameOrientation("upper"), (0.2, 0.3, 0.4)),
-        of.Damper(rnc.FrameSpeed("base", "z"), 0.8),
-        of.Wrench("tip", (1.0, -2.0, 0.5), (0.3, 0.2, 0.7)),
-        of.Wrench("upper", (4.0, 1.0, 0.0), (0.0, 0.0, 0.6), axes="own"),
-    ]
+    hand, arm, distance = rnc.JointPosition("hand"), rnc.JointPosition("arm"), rnc.Distance("base", "tip")
+    forces = [of.Spring(hand, 40.0, 0.3), of.Spring(arm, 2.0, 3.0), of.Spring(distance, 20.0, 0.3)]
+    forces += [of.Spring(rnc.FramePosition("tip", "zx"), (5.0, 2.0), (0.1, -0.2))]
+    forces += [of.Spring(rnc.FrameYaw("tip", "x"), 1.5, -3.0), of.Damper(rnc.FrameTilt("tip", "y"), 1.1)]
+    forces += [of.Damper(rnc.FrameOrientation("upper"), (0.2, 0.3, 0.4)), of.Damper(rnc.FrameSpeed("base", "z"), 0.8)]
+    forces += [of.Damper(distance, 3.0), of.SmoothFriction(arm, 0.7, 0.4)]
+    forces += [of.SmoothFriction(rnc.FramePosition("upper", "y"), 1.0, 0.6)]
+    forces += [of.Wrench("tip", (1.0, -2.0, 0.5), (0.3, 0.2, 0.7))]
+    forces += [of.Wrench("upper", (4.0, 1.0, 0.0), (0.0, 0.0, 0.6), axes="own")]
     drives = [rnc.FrameForce("tip", "x"), rnc.FrameTorque("base", "z"), "arm", "hand"]
     constraints = [rnc.NoSideSlip("base", "y"), rnc.NoSideSlip("upper", "z")]
     return rnc.NonholonomicSystem(rnc.Robot(free_arm()), constraints, drives, forces=forces).reduce()

@@ -128,7 +128,6 @@ def test_a_point_beside_a_frame_is_as_a_frame_there():
 
 
 test_what_makes_no_sense_is_refused = refused([
-    (rnc.LoopClosure("rear", "front", "point", rpy=(0, 0, 1)), rnc.ConfigurationError, "omit rpy"),
     (rnc.LoopClosure("rear", "front", "point", (0, 1)), rnc.ConfigurationError,
         "point on frame 'rear': expected three"),
     (rnc.LoopClosure("rear", "front", rpy=(0, np.nan, 1)), rnc.ConfigurationError, "rpy of the loop of 'rear' and"),

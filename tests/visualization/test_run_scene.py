@@ -30,9 +30,8 @@ def robot():
 @pytest.fixture(scope="module")
 def truck():
     """Two seconds of the fire truck: its model and the run."""
-    prepared = Scenario.load(
-        "fire-truck", {"simulation.duration": 2.0, "simulation.dt": 0.01, "comparisons": {}}
-    ).build()
+    options = {"simulation.duration": 2.0, "simulation.dt": 0.01, "comparisons": {}}
+    prepared = Scenario.load("fire-truck", options).build()
     return prepared.experiment.reduced, execute(prepared).trajectory
 
 

@@ -71,11 +71,8 @@ def test_workmanship_changes_no_car(offset, toe, lean, drafted, tmp_path):
 
 def truck(load_effort=10.0, extra=""):
     """A reach truck: two wheels under the load, and one steered wheel behind."""
-    return robot(
-        link("base", 50.0, BOX), wheel("load_l", "base", (0.5, 0.3, 0), effort=load_effort),
-        wheel("load_r", "base", (0.5, -0.3, 0), effort=load_effort), pivot("steer", "base", (-0.5, 0, 0)),
-        wheel("drive", "steer", (0, 0, 0)), extra,
-    )  # fmt: skip
+    drive = pivot("steer", "base", (-0.5, 0, 0)) + wheel("drive", "steer", (0, 0, 0))
+    return robot(link("base", 50.0, BOX), pair("load", "base", 0.5, 0.3, effort=load_effort), drive, extra)
 
 
 @pytest.mark.parametrize(("given", "confidence"), [
@@ -220,12 +217,9 @@ def drawn_pair(name, parent, x, **more):
 def semi():
     """The tree begins at the trailer; the truck has an axle and a steered wheel, and all wheels are only drawn."""
     body, still = '<box size="0.3 0.2 0.05"/>', {"kind": "fixed"}
-    parts = [
-        link("trailer", 5.0, body, at="0 0 0.1"), drawn_pair("tw", "trailer", 0.0, **still),
-        link("truck", 5.0, body, at="0 0 0.1"),
-    ]  # fmt: skip
-    hitch = joint("pin", "trailer", "truck", (0.6, 0, 0), "0 0 1")
-    return robot(*parts, hitch, drawn_pair("rw", "truck", 0.0, **still), drawn("front", "truck", (0.4, 0, 0)))
+    trailer = link("trailer", 5.0, body, at="0 0 0.1") + drawn_pair("tw", "trailer", 0.0, **still)
+    truck = link("truck", 5.0, body, at="0 0 0.1") + joint("pin", "trailer", "truck", (0.6, 0, 0), "0 0 1")
+    return robot(trailer, truck, drawn_pair("rw", "truck", 0.0, **still), drawn("front", "truck", (0.4, 0, 0)))
 
 
 def rigid_axles():
@@ -238,10 +232,8 @@ def rigid_axles():
 
 
 DRAWN_CAR = robot(link("base", 10.0, BOX), pair("rear", "base", -0.3), drawn_pair("front", "base", 0.3, yaw=0.4))
-DRAWN_REAR = robot(
-    link("base", 10.0, BOX), drawn_pair("rear", "base", -0.3, kind="fixed"), pivot("steer", "base", (0.3, 0, 0)),
-    wheel("w", "steer", (0, 0, 0)),
-)  # fmt: skip
+IN_FRONT = pivot("steer", "base", (0.3, 0, 0)) + wheel("w", "steer", (0, 0, 0))
+DRAWN_REAR = robot(link("base", 10.0, BOX), drawn_pair("rear", "base", -0.3, kind="fixed"), IN_FRONT)
 DRAWN_PIVOTS = [drawn_pair(f"w{k}", "base", x, kind="continuous", limits=None) for k, x in enumerate((0.3, -0.3))]
 DRAWN_SWERVE = robot(link("base", 10.0, BOX), *DRAWN_PIVOTS)
 PUSHED = {"force": {"frame": "truck", "axis": "x"}}
@@ -492,10 +484,8 @@ def test_motors_locks_and_wheels_of_a_draft(text, wishes, kind, actuators, count
 
 
 def test_a_wheel_with_its_mass_beside_the_axle_is_to_be_checked(drafted, tmp_path):
-    text = robot(
-        link("base", 10.0, BOX, at="0.02 0 0.05"), pair("w", "base", 0),
-        fixed("skid", (0.2, 0, -0.07), "<sphere radius='0.03'/>"),
-    )  # fmt: skip
+    skid = fixed("skid", (0.2, 0, -0.07), "<sphere radius='0.03'/>")
+    text = robot(link("base", 10.0, BOX, at="0.02 0 0.05"), pair("w", "base", 0), skid)
     inertial = '<link name="w_r"><inertial><origin xyz="{}"'
     moved_mass = text.replace(inertial.format("0 0 0"), inertial.format("0.3 0.1 0"))
     for each in (text, moved_mass):
@@ -525,8 +515,7 @@ def test_an_axis_across_a_drawn_cylinder_is_said(drafted, tmp_path):
 
 def test_omni_wheels_beside_others_slide(drafted):
     """A differential drive on two omni wheels in front; an option says that all wheels have rollers, or none."""
-    places = {"drive_l": (-0.2, 0.2, 0), "drive_r": (-0.2, -0.2, 0), "omni_l": (0.3, 0.2, 0), "omni_r": (0.3, -0.2, 0)}
-    text = robot(link("base", 10.0, BOX), *(wheel(name, "base", place) for name, place in places.items()))
+    text = robot(link("base", 10.0, BOX), pair("drive", "base", -0.2), pair("omni", "base", 0.3))
     kind, content, decided = drafted(text)
     assert kind == "planar: 4 wheels, differential drive"
     assert content["actuators"] == ["drive_l_joint", "drive_r_joint"]
@@ -535,9 +524,9 @@ def test_omni_wheels_beside_others_slide(drafted):
     assert rows == {"drive_l": True, "drive_r": False, "omni_l": False, "omni_r": False}
     assert drafted(text, rollers=True)[0] == "planar: 4 Mecanum wheels"
     assert drafted(text, rollers=False)[0] == "planar: 4 wheels, skid-steered"
-    rear = [wheel(f"omni_{side}", "base", (0, y, 0)) for side, y in (("l", 0.2), ("r", -0.2))]
     front = pivot("turn", "base", (0.4, 0, 0)) + wheel("front", "turn", (0, 0, 0))
-    assert drafted(robot(link("base", 10.0, BOX), *rear, front))[0] == "planar: 3 wheels, steered like a car"
+    text = robot(link("base", 10.0, BOX), pair("omni", "base", 0), front)
+    assert drafted(text)[0] == "planar: 3 wheels, steered like a car"
 
 
 @pytest.mark.parametrize(("effort", "lists", "kind", "is_open"), [
@@ -610,10 +599,7 @@ def test_steered_wheels_turn_about_the_fixed_axle_that_does_not_skid(reverse, dr
 
 
 def test_one_body_on_fixed_wheels_stays_on_the_ground(drafted):
-    parts = [link("base", 10.0, BOX)]
-    for k, (x, y) in enumerate(((0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2))):
-        parts += [link(f"w{k}", 0.5, '<cylinder radius="0.1" length="0.04"/>', turn="1.570796326794897 0 0")]
-        parts += [joint(f"w{k}_joint", "base", f"w{k}", (x, y, 0), kind="fixed", effort=None)]
+    parts = [link("base", 10.0, BOX), *(drawn_pair(f"w{x}", "base", x, kind="fixed") for x in (0.3, -0.3))]
     mover = '<gazebo><plugin name="mover" filename="libgazebo_ros_planar_move.so"/></gazebo>'
     kind, content, _ = drafted(robot(*parts, mover))
     assert kind == "planar: a plugin of the file moves it over the ground in any direction"

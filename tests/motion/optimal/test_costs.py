@@ -30,21 +30,13 @@ def test_every_cost_and_bound_of_a_mobile_robot(form):
     model, o = action_model(reduced, form), rnc.optimal
     position, yaw = rnc.FramePosition("sleigh", "xy"), rnc.FrameYaw("sleigh")
     reference = rnc.planning.MinimumJerk([0.0, 0.0], [1.0, 2.0], 1.0)
-    blocks = [
-        o.OutputCost([position, yaw], [0.3, 0.2, 0.1]).bind(model),
-        o.OutputCost(position, reference).bind(model),
-        o.PostureCost(reduced.robot.configuration()).bind(model),
-        o.EffortCost(2.0).bind(model),
-        o.VelocityCost().bind(model),
-        o.InputBound(-1.0, 1.0).bind(model),
-        o.VelocityBound(-1.0, {"sleigh_yaw": 1.0}).bind(model),
-        o.OutputBound([position, "sleigh_yaw"], -1.0, 1.0).bind(model),
-        GoalRows(model, {position: [1.0, 0.0], yaw: 0.2}, at_rest=True),
-        GoalRows(model, reduced.robot.configuration(), at_rest=True),
-    ]
-    if form != "kinematic":
-        blocks.append(o.AccelerationCost().bind(model))
-    for block in blocks:
+    q = reduced.robot.configuration()
+    kinds = [o.OutputCost([position, yaw], [0.3, 0.2, 0.1]), o.OutputCost(position, reference), o.PostureCost(q)]
+    kinds += [o.EffortCost(2.0), o.VelocityCost(), *([] if form == "kinematic" else [o.AccelerationCost()])]
+    kinds += [o.InputBound(-1.0, 1.0), o.VelocityBound(-1.0, {"sleigh_yaw": 1.0})]
+    kinds += [o.OutputBound([position, "sleigh_yaw"], -1.0, 1.0)]
+    goals = [GoalRows(model, goal, at_rest=True) for goal in ({position: [1.0, 0.0], yaw: 0.2}, q)]
+    for block in (*(kind.bind(model) for kind in kinds), *goals):
         check_rows(model, block, *nodes_of(model))
 
 

@@ -1,7 +1,5 @@
 """Set points: goals, the homogeneous cost, and predictive control at them: arrival, escapes, warnings and verdicts."""
 
-import warnings
-
 import numpy as np
 import pytest
 
@@ -221,11 +219,9 @@ def test_a_long_way_is_begun_by_a_longer_plan():
     assert -3.5 < found.q[15, 0] < -1.0
 
 
+@pytest.mark.filterwarnings("error")
 def test_a_goal_at_the_end_of_the_horizon_holds():
     reduced = systems.sleigh()
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        controller = controller_of(reduced, goal=GOAL)
-    run, distance, turn = driven(reduced, controller, 0.3, 0.0)
+    run, distance, turn = driven(reduced, controller_of(reduced, goal=GOAL), 0.3, 0.0)
     assert max(distance, turn) < 5e-3
     assert run.verdict.succeeded

@@ -5,7 +5,6 @@ import json
 import os
 import struct
 import sys
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -281,6 +280,7 @@ def test_a_flat_shell_weighs_without_a_hull(collides, tmp_path):
     assert robot.visual_model.geometryObjects[0].geometry.num_tris == 2
 
 
+@pytest.mark.filterwarnings("error")
 def test_a_mesh_weighs_the_same_inside_and_as_a_file_of_any_format(tmp_path):
     pytest.importorskip("mujoco", reason="MuJoCo is an optional extra and not installed")
     (tmp_path / "parts").mkdir()
@@ -289,9 +289,7 @@ def test_a_mesh_weighs_the_same_inside_and_as_a_file_of_any_format(tmp_path):
     for name, content in {name: contents[0] for name, contents in solid.MESHES.values()}.items():
         write(tmp_path / "parts" / name, content)
         assets.append(f'<mesh file="{name}"/>')
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        robots = [rnc.Robot.from_mjcf(write(tmp_path / "r.xml", mjcf(asset, inertial=""))) for asset in assets]
+    robots = [rnc.Robot.from_mjcf(write(tmp_path / "r.xml", mjcf(asset, inertial=""))) for asset in assets]
     first, second, third = np.moveaxis(solid.VERTICES[solid.TRIANGLES], 1, 0)
     volume = np.einsum("ki,ki->", first, np.cross(second, third)) / 6
     for robot in robots:

@@ -1,6 +1,5 @@
 """Joints that a robot's file couples: ``<mimic>`` in a URDF, ``<equality>`` in MJCF."""
 
-import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -31,11 +30,10 @@ def positions(system, **joints):
     return system.robot.joint_values(system.assembled(system.robot.configuration(joints), hold=list(joints)))
 
 
+@pytest.mark.filterwarnings("error")
 def test_a_mimic_joint_follows(tmp_path):
     robot = arm(tmp_path, b=mimic("a", -2, 0.1))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        system = rnc.NonholonomicSystem(robot, [], ["a", "b", "c"])  # an actuator on it is no mistake
+    system = rnc.NonholonomicSystem(robot, [], ["a", "b", "c"])  # an actuator on it is no mistake
     assert system.constraints.names == ("coupling(b, a)",)
     np.testing.assert_allclose(system.constraints.places[0].block.matrix, [[2, 1, 0]])
     assert positions(system, a=0.3)["b"] == pytest.approx(-0.5, abs=1e-9)
@@ -90,11 +88,10 @@ def test_what_is_locked_holds_the_other(tmp_path, lock, multiplier, held, kind):
     rnc.JointCoupling("a", "b", -0.5, 0.05),
     rnc.Pfaffian(lambda q: np.array([[4.0, 2.0, 0.0]]), lambda q, v: np.zeros((1, 3)), ["gear"]),
 ])  # fmt: skip
+@pytest.mark.filterwarnings("ignore:.*move independently")  # where the ratio is another one
 def test_what_is_coupled_already_is_left_alone(tmp_path, given):
     robot = arm(tmp_path, b=mimic("a", -2, 0.1))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # another ratio is said to move independently
-        system = rnc.NonholonomicSystem(robot, [given])
+    system = rnc.NonholonomicSystem(robot, [given])
     assert system.rows.names == given.bind(robot).names
 
 

@@ -101,17 +101,15 @@ def test_rounded_wheels_are_parallel_and_that_is_said_in_one_line(name):
     assert max(abs(axis_of(robot, joint))[[0, 2]].max() for joint in joints) > 1e-6
 
 
+@pytest.mark.filterwarnings("error")
 def test_the_robots_that_come_along_are_not_warned_of():
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        for name in ("tiago", "tiago_no_hand", "panda"):
-            rnc.Robot.from_example(name)
+    for name in ("tiago", "tiago_no_hand", "panda"):
+        rnc.Robot.from_example(name)
 
 
+@pytest.mark.filterwarnings("error")
 def test_a_scenario_keeps_roundings_and_gives_masses():
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        RobotSource(urdf="rounded_pi.urdf", snap=False).build(DIRT)
+    RobotSource(urdf="rounded_pi.urdf", snap=False).build(DIRT)
     masses = {"knuckle": 0.2, "fork": 0.1}
     robot = RobotSource(urdf="massless_knuckle.urdf", masses=masses).build(DIRT)
     assert robot.model.inertias[robot.joint_id("steer")].mass == 0.2
