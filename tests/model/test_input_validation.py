@@ -42,14 +42,8 @@ def test_configurations_are_admitted_by_shape_number_and_length():
         vector([np.nan, 1.0], 2, "v")
 
 
-NO_NUMBERS = [
-    lambda array: array.astype(complex),
-    lambda array: array.astype(str),
-    lambda array: array.astype(object),
-    lambda array: array.astype(bool),
-    lambda array: np.ma.masked_array(array, mask=array == 0),
-    lambda array: [str(each) for each in array],
-]
+NO_NUMBERS = [lambda array, kind=kind: array.astype(kind) for kind in (complex, str, object, bool)]
+NO_NUMBERS += [lambda array: np.ma.masked_array(array, mask=array == 0), lambda array: [str(each) for each in array]]
 
 
 @pytest.mark.parametrize("made", NO_NUMBERS)

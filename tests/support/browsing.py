@@ -2,6 +2,7 @@
 
 import io
 import os
+import socket
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -47,6 +48,36 @@ def visit(launched, url, offline=False):
     page.on("request", lambda request: None if request.url.startswith(home) else problems.append(request.url[:100]))
     page.goto(url)
     return page, problems
+
+
+def port_of(url):
+    """Port of the address of a page."""
+    return int(url.split(":")[2].split("/")[0])
+
+
+def asked(port, path, *headers, upgrade=False, version="1.1"):
+    """Connection and status of a request with these headers."""
+    lines = [f"GET {path} HTTP/{version}", *headers]
+    if upgrade:
+        lines += ["Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Version: 13"]
+        lines += ["Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ=="]
+    connection = socket.create_connection(("127.0.0.1", port), timeout=PATIENCE)
+    connection.sendall(("\r\n".join(lines) + "\r\n\r\n").encode("latin-1"))
+    answer = b""
+    while b"\r\n" not in answer:
+        piece = connection.recv(4096)
+        if not piece:
+            break
+        answer += piece
+    return connection, int(answer.split()[1]) if answer else None
+
+
+def watching(port):
+    """Connection of a web socket that our own page asks for."""
+    headers = f"Host: localhost:{port}", f"Origin: http://localhost:{port}"
+    connection, status = asked(port, "/", *headers, upgrade=True)
+    assert status == 101
+    return connection
 
 
 def picture(page):

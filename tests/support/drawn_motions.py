@@ -29,19 +29,17 @@ class DrawnMotion:
         return pin.interpolate(self.robot.model, self.q[k], self.q[k + 1], float(part))
 
 
-def random_rotation(generator: np.random.Generator) -> pin.Quaternion:
-    vector = generator.normal(size=4)
-    return pin.Quaternion(vector / np.linalg.norm(vector))
+def unit(generator: np.random.Generator, size: int) -> np.ndarray:
+    vector = generator.normal(size=size)
+    return vector / np.linalg.norm(vector)
 
 
 def random_pose(generator: np.random.Generator, size: float) -> pin.SE3:
-    return pin.SE3(random_rotation(generator), generator.uniform(-size, size, 3))
+    return pin.SE3(pin.Quaternion(unit(generator, 4)), generator.uniform(-size, size, 3))
 
 
 def random_joint(generator: np.random.Generator) -> pin.JointModel:
-    axis = generator.normal(size=3)
-    axis /= np.linalg.norm(axis)
-    inner = pin.JointModelComposite()
+    axis, inner = unit(generator, 3), pin.JointModelComposite()
     inner.addJoint(pin.JointModelPY(), random_pose(generator, 0.1))
     inner.addJoint(pin.JointModelRevoluteUnaligned(axis), random_pose(generator, 0.1))
     inner.addJoint(pin.JointModelRX(), random_pose(generator, 0.1))

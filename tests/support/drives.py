@@ -63,15 +63,10 @@ def reduced_of(drive):
 
 def point_of(drive, q, frame):
     """Position of a frame (3,) by Pinocchio itself."""
-    return placement_of(drive, q, frame).translation
-
-
-def placement_of(drive, q, frame):
-    """Placement of a frame by Pinocchio itself."""
-    return frame_placement(reduced_of(drive).robot, q, frame)
+    return frame_placement(reduced_of(drive).robot, q, frame).translation
 
 
 def pose_of(drive, q):
     """Place of the base (2,) and its heading, by Pinocchio itself."""
-    placed = placement_of(drive, q, drive.controls.base.frame)
+    placed = frame_placement(reduced_of(drive).robot, q, drive.controls.base.frame)
     return np.append(placed.translation[:2], np.arctan2(placed.rotation[1, 0], placed.rotation[0, 0]))

@@ -181,17 +181,11 @@ def sizes_of_rows():
 
 
 CALLS = {
-    "riccati_factors": (riccati, 1e-9),
-    "riccati_solve": (riccati, 1e-9),
-    "variances": (sizes_of_rows, 1e-12),
-    "interior_point": (programs_in_stages, 1e-9),
-    "cascade": (programs, 1e-10),
-    "program": (samples, 1e-10),
+    **dict.fromkeys(("riccati_factors", "riccati_solve"), (riccati, 1e-9)),
+    "variances": (sizes_of_rows, 1e-12), "interior_point": (programs_in_stages, 1e-9),
+    "cascade": (programs, 1e-10), "program": (samples, 1e-10), "frame_kinematics": (frames, 1e-13),
     "stopping": (lambda: rows_of(LIMITS["joint positions by efforts"]), 1e-12),
     "solve": (lambda: [solve(np.eye(3) + 1.0, np.arange(3.0)), inverse(np.eye(3) + 1.0)], 1e-14),
-    "frame_kinematics": (frames, 1e-13),
-    "shape_poses": (distances, 1e-13),
-    "pair_rows": (distances, 1e-13),
-    "pair_bounds": (distances, 1e-13),
-}
+    **dict.fromkeys(("shape_poses", "pair_rows", "pair_bounds"), (distances, 1e-13)),
+}  # fmt: skip
 """Function of the library to a call that reaches it, with the tolerance relative to the largest value, at least 1."""

@@ -7,6 +7,8 @@ import pinocchio as pin
 from hypothesis import strategies as st
 
 import rnc_pin as rnc
+from bodies import add_frame
+from drawn_motions import random_pose, unit
 
 ONE = ("revolute", "continuous", "prismatic")  # joints that a coupling can join
 KINDS = (*ONE, "slanted", "slide", "planar", "free", "ball")
@@ -50,17 +52,11 @@ class Built:
 
     def body(self, joint: int, name: str) -> None:
         self.model.appendBodyToJoint(joint, inertia(self.generator), pin.SE3.Identity())
-        placement = pin.SE3(pin.Quaternion(unit(self.generator, 4)), self.generator.uniform(-0.5, 0.5, 3))
-        self.model.addFrame(pin.Frame(name, joint, 0, placement, pin.FrameType.OP_FRAME))
+        add_frame(self.model, name, joint, random_pose(self.generator, 0.5))
         self.frames.append(name)
 
     def frame(self) -> str:
         return str(self.generator.choice(self.frames))
-
-
-def unit(generator: np.random.Generator, size: int) -> np.ndarray:
-    vector = generator.normal(size=size)
-    return vector / np.linalg.norm(vector)
 
 
 def inertia(generator: np.random.Generator) -> pin.Inertia:
@@ -72,16 +68,12 @@ def inertia(generator: np.random.Generator) -> pin.Inertia:
 
 def joint_model(kind: str, generator: np.random.Generator) -> pin.JointModel:
     axis = generator.integers(3)
-    return {
-        "revolute": (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ)[axis],
-        "continuous": (pin.JointModelRUBX, pin.JointModelRUBY, pin.JointModelRUBZ)[axis],
-        "prismatic": (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ)[axis],
-        "slanted": lambda: pin.JointModelRevoluteUnaligned(unit(generator, 3)),
-        "slide": lambda: pin.JointModelPrismaticUnaligned(unit(generator, 3)),
-        "planar": pin.JointModelPlanar,
-        "free": pin.JointModelFreeFlyer,
-        "ball": pin.JointModelSpherical,
-    }[kind]()
+    slanted = {"slanted": pin.JointModelRevoluteUnaligned, "slide": pin.JointModelPrismaticUnaligned}
+    if kind in slanted:
+        return slanted[kind](unit(generator, 3))
+    along = {"revolute": "R", "continuous": "RUB", "prismatic": "P"}
+    whole = {"planar": "Planar", "free": "FreeFlyer", "ball": "Spherical"}
+    return getattr(pin, "JointModel" + (along[kind] + "XYZ"[axis] if kind in along else whole[kind]))()
 
 
 def robot_of(recipe: Recipe) -> tuple[rnc.Robot, Built]:
@@ -106,7 +98,7 @@ def _branch(recipe: Recipe, at: int, place: int, built: Built) -> None:
     model, generator = built.model, built.generator
     for k, (parent, kind) in enumerate(recipe.joints):
         if parent == at:
-            placement = pin.SE3(pin.Quaternion(unit(generator, 4)), generator.uniform(-0.7, 0.7, 3))
+            placement = random_pose(generator, 0.7)
             joint = model.addJoint(place, joint_model(kind, generator), placement, f"joint_{k}")
             built.body(joint, f"body_{k}")
             if kind in ONE:

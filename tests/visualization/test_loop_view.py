@@ -1,7 +1,6 @@
 """The scene server and the live view: who can connect, what a browser can do to a run, and what is listening."""
 
 import gc
-import http.client
 import re
 import signal
 import socket
@@ -18,7 +17,7 @@ import pytest
 import umsgpack
 
 import rnc_pin as rnc
-from browsing import listening
+from browsing import listening, port_of, watching
 from held_memory import holding_at_most
 from patience import PATIENCE, eventually
 from rnc_pin.applications.scenario.execution import execute
@@ -67,30 +66,20 @@ def can_connect(host, port):
 def test_only_this_machine_can_connect():
     before = listening()
     with closing(SceneWindow()) as window:
-        port = int(window.serve().split(":")[2].split("/")[0])
+        port = port_of(window.serve())
         assert listening() - before == {("0100007F", port)}  # 127.0.0.1, and neither 0.0.0.0 nor [::]
         assert can_connect("127.0.0.1", port)
         assert not can_connect("127.0.0.2", port)
 
 
-def ask_to_watch(host, origin):
-    """Ask for the web socket as a page of that origin does: (connection, status; 101 is yes)."""
-    connection = http.client.HTTPConnection(host, timeout=PATIENCE)
-    headers = {"Upgrade": "websocket", "Connection": "Upgrade", "Origin": origin}
-    headers |= {"Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==", "Sec-WebSocket-Version": "13"}
-    connection.request("GET", "/", headers=headers)
-    return connection, connection.getresponse().status
-
-
 def test_browsers_that_vanish_leave_no_trace(caplog):
     with closing(SceneWindow()) as window:
-        host, scene = window.serve().split("/")[2], meshcat.Visualizer(window=window)
+        port, scene = port_of(window.serve()), meshcat.Visualizer(window=window)
         for _ in range(8):
-            connection, status = ask_to_watch(host, f"http://{host}")
-            assert status == 101
+            connection = watching(port)
             assert eventually(lambda: window.browsers == 1)
             # Closed without a word, as by a crash, while the robot goes on.
-            connection.sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
             connection.close()
             for _ in range(20):
                 scene["robot"].delete()
@@ -120,11 +109,10 @@ def test_what_counts_as_this_machine_only():
 
 def test_a_browser_that_reads_no_more_costs_no_memory():
     window = SceneWindow()
-    host, scene = window.serve().split("/")[2], meshcat.Visualizer(window=window)
+    port, scene = port_of(window.serve()), meshcat.Visualizer(window=window)
     points = np.random.default_rng(0).normal(size=(3, 20_000)).astype(np.float32)
-    connection, status = ask_to_watch(host, f"http://{host}")
+    connection = watching(port)
     try:
-        assert status == 101
         assert eventually(lambda: window.browsers == 1)
         with holding_at_most(15):
             for _ in range(200):  # 100 MB in all
@@ -140,11 +128,10 @@ def test_a_browser_that_reads_no_more_costs_no_memory():
 def test_the_loop_does_not_wait_for_a_browser_that_reads_no_more(prepared, run):
     experiment = prepared.experiment
     info = RunInfo(output_names(experiment.reduced), provenance=experiment.provenance)
-    with closing(LiveView(experiment.reduced, info=info, speed=0.0, open_browser=False)) as live:
-        host = live.url.split("/")[2]
-        with closing(ask_to_watch(host, f"http://{host}")[0]):
-            assert live.wait_for_browser(PATIENCE)
-            shown = execute(prepared, live).trajectory
+    live = LiveView(experiment.reduced, info=info, speed=0.0, open_browser=False)
+    with closing(live), closing(watching(port_of(live.url))):
+        assert live.wait_for_browser(PATIENCE)
+        shown = execute(prepared, live).trajectory
     assert live.problem is None
     # Every sample is there, and is what it would be if nobody had watched.
     for name in ("time", "q", "v2", "T", "multipliers"):
@@ -185,16 +172,12 @@ def test_interruption_keeps_what_was_simulated(tmp_path):
     try:
         told = [process.stderr.readline(), process.stderr.readline()]
         assert told[0] == "rnc-pin: warning: --host 0.0.0.0: everyone who can reach this address can watch\n"
-        port = int(told[1].split(":")[-1].split("/")[0])
+        port = port_of(told[1].rpartition("http")[2])
         assert can_connect("127.0.0.1", port)
         assert can_connect("127.0.0.2", port)  # as asked for
-        host = f"127.0.0.1:{port}"
-        connection, status = ask_to_watch(host, f"http://{host}")
-        assert status == 101
-        connection.sock.settimeout(PATIENCE)
-        seen = b""
+        connection, seen = watching(port), b""
         while seen.count(b"set_transform") < 100:  # bodies have moved for some frames
-            seen += connection.sock.recv(65536)
+            seen += connection.recv(65536)
         process.send_signal(signal.SIGINT)
         _, complaint = process.communicate(timeout=PATIENCE)
         connection.close()

@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 
 import rnc_pin as rnc
+from browsing import asked, port_of, watching
 from held_memory import holding_at_most
 from patience import PATIENCE
 from rnc_pin.visualization.browser.page import RequestFilter
@@ -37,24 +38,7 @@ def sockets():
 @pytest.fixture
 def port():
     with closing(SceneWindow()) as window:
-        yield int(window.serve().split(":")[2].split("/")[0])
-
-
-def asked(port, path, *headers, upgrade=False, version="1.1"):
-    """Connection and status of a request with these headers."""
-    lines = [f"GET {path} HTTP/{version}", *headers]
-    if upgrade:
-        lines += ["Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Version: 13"]
-        lines += ["Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ=="]
-    connection = socket.create_connection(("127.0.0.1", port), timeout=PATIENCE)
-    connection.sendall(("\r\n".join(lines) + "\r\n\r\n").encode("latin-1"))
-    answer = b""
-    while b"\r\n" not in answer:
-        piece = connection.recv(4096)
-        if not piece:
-            break
-        answer += piece
-    return connection, int(answer.split()[1]) if answer else None
+        yield port_of(window.serve())
 
 
 def status(*arguments, **options):
@@ -125,17 +109,14 @@ def closed(connection):
 
 
 def test_messages_that_are_not_finished_cost_nothing(port):
-    headers = f"Host: localhost:{port}", f"Origin: http://localhost:{port}"
     begun, first, further = frame(10_000_000, 9_900_000), *(frame(50_000, 50_000, code, final=False) for code in (2, 0))
     connections = []
     with holding_at_most(15):  # 120 MB are sent
         for k in range(12):
-            connection, code = asked(port, "/", *headers, upgrade=True)
-            assert code == 101
-            connections.append(connection)
+            connections.append(watching(port))
             with suppress(BrokenPipeError, ConnectionResetError):
                 for piece in [begun] if k % 2 else [first, *[further] * 199]:
-                    connection.sendall(piece)
+                    connections[-1].sendall(piece)
         assert all(map(closed, connections))
     for connection in connections:
         connection.close()
@@ -160,18 +141,15 @@ def test_closing_with_a_browser_connected_leaves_no_socket_and_no_memory(caplog)
 
     def once():
         live = LiveView(robot, open_browser=False)
-        port = int(live.url.split(":")[2].split("/")[0])
-        host = f"localhost:{port}"
-        watching, code = asked(port, "/", f"Host: {host}", f"Origin: http://{host}", upgrade=True)
-        assert code == 101
+        port = port_of(live.url)
+        connection = watching(port)
         assert live.wait_for_browser(PATIENCE)
-        idle, code = asked(port, "/static/", f"Host: {host}")
+        idle, code = asked(port, "/static/", f"Host: localhost:{port}")
         assert code == 200
         live.close()
-        assert closed(watching)
-        assert closed(idle)
-        watching.close()
-        idle.close()
+        for each in (connection, idle):
+            assert closed(each)
+            each.close()
 
     for _ in range(3):
         once()
