@@ -14,7 +14,6 @@ FOLDERS = ("rnc_pin", "benchmarks", "docs", "examples", "tests")
 MODULES = sorted(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py"))
 QUESTION = re.compile(r"(What|Where|Whether|Who|Whose|Whoever|Which|How)\b")
 LONGEST_SENTENCE = 30  # words
-PAGES = pages()
 
 
 class Facts(NamedTuple):
@@ -73,7 +72,7 @@ def test_no_docstring_starts_with_a_question_word():
     assert not asked, "\n".join(asked)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.name)
+@pytest.mark.parametrize("page", pages(), ids=lambda path: path.name)
 def test_sentences_are_short(page):
     long = [each for each in sentences(page.read_text()) if len(each.split()) > LONGEST_SENTENCE]
     assert not long, "\n".join(long)

@@ -78,12 +78,9 @@ def test_what_pulls_at_a_planar_base_loads_its_wheels_as_on_a_free_base(forces):
     np.testing.assert_allclose(*(rnc.Grip(model, 0.9).used(q, v2, T) for model, q in models), atol=1e-6)
 
 
-CUSTOM = rnc.Output(None, lambda q: np.eye(5)[:1], names=["x"])
-
-
 @pytest.mark.parametrize(("forces", "constraints", "actuators", "name"), [
     ([rnc.forces.ForceFunction(lambda q, v: -0.1 * v, name="drag")], [], WHEELS, "drag"),
-    ([rnc.forces.Damper(CUSTOM, 1.0)], [], WHEELS, "damper"),
+    ([rnc.forces.Damper(rnc.Output(None, lambda q: np.eye(5)[:1], names=["x"]), 1.0)], [], WHEELS, "damper"),
     ([], [rnc.FixedOutput(rnc.FramePosition("hook", "x"), -0.3)], WHEELS, "hook"),
     ([], [], np.eye(5)[:, :1], "T.0."),
 ])  # fmt: skip

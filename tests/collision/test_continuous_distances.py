@@ -34,11 +34,6 @@ def test_no_contact_is_missed_and_none_is_invented(seed):
         assert dense.distances(found.time[k], [k]) == pytest.approx([found.smallest[k]], abs=COAL)
 
 
-def unicycle_beside(*obstacles):
-    robot = rnc.Robot.from_urdf("unicycle.urdf", base="planar")
-    return robot, CollisionDistances(robot, obstacles)
-
-
 def driven(robot, places):
     """Configurations at x, y and yaw."""
     q = np.array([robot.configuration()] * len(places))
@@ -68,7 +63,8 @@ def test_few_samples_are_measured_where_bodies_are_far_or_slow():
 def test_a_wheel_that_spins_fast_beside_a_wall_is_certain():
     """The spin of a wheel about its own axis does not move it: 200 turns between two samples change no distance."""
     wall = Obstacle(coal.Box(9.0, 0.1, 2.0), position=(0.0, 0.4, 0.0), name="wall")
-    robot, distances = unicycle_beside(wall)
+    robot = rnc.Robot.from_urdf("unicycle.urdf", base="planar")
+    distances = CollisionDistances(robot, [wall])
     wheels = distances.spinning.shapes
     assert len(wheels) == 2
     q = driven(robot, np.zeros((2, 3)))

@@ -10,6 +10,7 @@ from bodies import add_body
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection, load_mesh_shape
 from rnc_pin.collision.shapes import hull_of
 from systems import with_shape
+from urdf_parts import TETRAHEDRON
 
 ANGLES = np.linspace(0.0, 2 * np.pi, 400, endpoint=False)
 RING = np.column_stack([np.cos(ANGLES), np.sin(ANGLES), 0 * ANGLES])
@@ -71,9 +72,6 @@ def test_the_wobble_bounds_what_rounded_angles_change():
 ], ids=["tilted", "eccentric", "eccentric ball", "box"])  # fmt: skip
 def test_other_bodies_spin(shape, placement):
     assert not len(wheel_on_an_axle(shape, placement).spinning.shapes)
-
-
-TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 
 
 def test_pose_turns_by_roll_pitch_and_yaw():

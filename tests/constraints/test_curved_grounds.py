@@ -26,10 +26,6 @@ def rolling_ball(ground, mass=1.5, share=0.4):
     return rnc.NonholonomicSystem(robot, [rnc.RollingBall("body", RADIUS, ground)]).reduce(outputs)
 
 
-def at_place(reduced, place):
-    return reduced.robot.configuration({"root_joint": [*place, 0.1, 0.2, -0.3, np.sqrt(0.86)]})
-
-
 @pytest.mark.parametrize("name", ON_CURVED_GROUND)
 def test_the_contact_is_where_the_normals_meet(name, robot):
     """The body's point satisfies the equation of the ellipsoid."""
@@ -106,7 +102,8 @@ def test_a_ball_in_a_bowl_keeps_its_spin_about_the_normal():
     """Routh (1884): of a homogeneous ball on a sphere, in any motion."""
     center = np.array([0.0, 0.0, 1.0])
     reduced = rolling_ball(rnc.SphericalGround(1.0, center))
-    q = at_place(reduced, center + 0.8 * np.array([0.6, 0.0, -0.8]))
+    place = center + 0.8 * np.array([0.6, 0.0, -0.8])
+    q = reduced.robot.configuration({"root_joint": [*place, 0.1, 0.2, -0.3, np.sqrt(0.86)]})
     pose, state = pin.XYZQUATToSE3(q), reduced.at(q, np.array([3.0, -2.0, 6.0]))
     R, v, v_dot = pose.rotation, state.v, state.v_dot(state.v2_dot([]))
     kept = (R @ v_dot[3:]) @ (center - pose.translation) - (R @ v[3:]) @ (R @ v[:3])

@@ -6,7 +6,7 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.applications.scenario.builder import build_system, start_findings, start_of
 from rnc_pin.applications.scenario.execution import execute
-from rnc_pin.applications.scenario.files import find_scenario, read_yaml
+from rnc_pin.applications.scenario.files import built_in_names, find_scenario, read_yaml
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.scenario.schema.scenario import validate
 from rnc_pin.constraints.wheeled_base import wheel_height_findings
@@ -124,10 +124,7 @@ def test_a_run_with_a_radius_that_does_not_fit_is_degraded(tmp_path, call, radiu
     assert all(each in said for each in warned)
 
 
-BUILT_IN = [path.stem for path in sorted(find_scenario("tiago").parent.glob("*.yaml"))]
-
-
-@pytest.mark.parametrize("name", BUILT_IN)
+@pytest.mark.parametrize("name", built_in_names())
 def test_built_in_scenarios_have_no_findings(name):
     path = find_scenario(name)
     scenario = validate(read_yaml(path), name)

@@ -106,13 +106,10 @@ def test_parts_see_and_command_outputs_of_their_own(batch):
         assert str(caught.value) == f"the parts command outputs {found} once"
 
 
-EXAMPLE = ROOT / "examples" / "two_phases.py"
-
-
 def test_the_hand_arrives_first_and_stays_while_the_platform_drives(tmp_path, monkeypatch, capsys):
     """Figure 7, by the script in ``examples``."""
     monkeypatch.chdir(tmp_path)
-    script = runpy.run_path(str(EXAMPLE), run_name="__main__")
+    script = runpy.run_path(str(ROOT / "examples" / "two_phases.py"), run_name="__main__")
     assert capsys.readouterr().out.strip()
     run, goal = script["run"], (-1.3, 0.0, 0.0)
     hand = np.linalg.norm(run.x2[:, :2], axis=1)

@@ -134,12 +134,9 @@ def test_a_kingpin_as_far_ahead_as_the_axle_is_behind():
         SlitheringReference(reduced, task, "front_axle", "rear_axle", "hitch")
 
 
-NAMES = ("tractor_x", "tractor_y", "trailer_yaw", "tractor_yaw")
-
-
 def reference(reduced=None, **settings):
     reduced = reduced or fire_truck()
-    assert reduced.vertical.names == NAMES
+    assert reduced.vertical.names == ("tractor_x", "tractor_y", "trailer_yaw", "tractor_yaw")
     return SlitheringReference(reduced, rnc.Task.of(reduced, *TASK), "tractor", "rear_axle", **settings)
 
 

@@ -6,11 +6,9 @@ from pathlib import Path
 
 import mpmath as mp
 
-DATA = Path(__file__).parents[1] / "data"
-
 
 def read(name: str) -> dict:
-    return json.loads((DATA / f"{name}.json").read_text())
+    return json.loads((Path(__file__).parents[1] / "data" / f"{name}.json").read_text())
 
 
 def differences(found, given, where: str = "") -> Iterator[tuple[str, float]]:

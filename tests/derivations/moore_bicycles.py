@@ -2,8 +2,6 @@
 
 from . import bicycle_linear
 
-SPEEDS = ("2", "6")
-
 
 def derived(data):
     """Matrices and eigenvalues of all bicycles."""
@@ -12,7 +10,7 @@ def derived(data):
         found, g = bicycle_linear.matrices(bicycle["parameters"]), bicycle["parameters"]["g"]
         linear = {key: matrix.tolist() for key, matrix in found.items()}
         linear["eigenvalues"] = {}
-        for speed in SPEEDS:
+        for speed in ("2", "6"):
             roots = bicycle_linear.eigenvalues(found, speed, bicycle_linear.mp.mpf(repr(g)))
             linear["eigenvalues"][speed] = {"real": [x.real for x in roots], "imag": [x.imag for x in roots]}
         result[name] = {"linear": linear}

@@ -144,14 +144,12 @@ def warnings_of(*given, **settings):
     return system, [str(each.message) for each in said]
 
 
-def two_rows(angle, names="ab"):
-    return Bound(Flat([[1.0, 0, 0], [np.cos(angle), np.sin(angle), 0]], names, holonomic=(False, False)))
-
-
 def test_rows_that_are_nearly_dependent_are_warned_of_below_a_thousandth():
     """By their smallest singular value, ``sqrt(2) sin(a / 2)``."""
     for value in (1.05e-3, 0.95e-3, 2e-4):
-        system, said = warnings_of(sliders(), [two_rows(2 * np.arcsin(value / np.sqrt(2)))])
+        angle = 2 * np.arcsin(value / np.sqrt(2))
+        rows = Flat([[1.0, 0, 0], [np.cos(angle), np.sin(angle), 0]], "ab", holonomic=(False, False))
+        system, said = warnings_of(sliders(), [Bound(rows)])
         assert system.kept == [0, 1]
         words = (
             f"robot 'sliders': rows are nearly dependent (smallest singular value {value:.2g} at best), so the "

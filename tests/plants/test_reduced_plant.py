@@ -7,8 +7,6 @@ import rnc_pin as rnc
 import systems
 from refusals import refused
 
-DT = 0.02
-
 
 def started(**options):
     plant = rnc.ReducedPlant(systems.sleigh(), **options)
@@ -25,7 +23,7 @@ def test_numbers_of_any_type_move_the_plant_alike(given, limits):
     for T in (np.array([1.0, 2.0]), given):
         plant = started(actuator_limits=limits)
         plant.apply(T)
-        plant.advance(DT)
+        plant.advance(0.02)
         ends.append(np.concatenate(plant.read()))
     assert np.abs(ends[0]).max() > 1e-3
     np.testing.assert_array_equal(*ends)

@@ -22,10 +22,6 @@ def contact(kind=BALL, **options):
     return rnc.UnilateralContact(kind, **options)
 
 
-def below_the_ground():
-    contact_plant(contact()).reset(np.array([0, 0, 0.05, 0, 0, 0, 1.0]), np.zeros(6))
-
-
 def sleigh():
     robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
     return rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")])
@@ -56,7 +52,8 @@ VELOCITIES, FORCES = rnc.control.ActuatorVelocityController, rnc.control.Compute
 
 
 test_what_does_not_fit_is_refused_in_one_line = refused([
-    (below_the_ground, INPUT, r"contact 'ball' starts 0\.05 m below the ground"),
+    (lambda: contact_plant(contact()).reset(np.array([0, 0, 0.05, 0, 0, 0, 1.0]), np.zeros(6)), INPUT,
+        r"contact 'ball' starts 0\.05 m below the ground"),
     (lambda: contact_plant(contact(), system="ball"), WRONG, "system: expected NonholonomicSystem"),
     (contact_plant, WRONG, "expected a list of UnilateralContact"),
     (lambda: contact_plant(contact(), contact()), WRONG, "'ball' occurs twice"),

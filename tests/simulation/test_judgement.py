@@ -191,17 +191,13 @@ def bent(reduced):
     return reduced.robot.configuration({"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1})
 
 
-def resting():
-    reduced = systems.space_robot()
-    return rnc.free_motion(reduced, bent(reduced), np.zeros(3), duration=0.1)
-
-
 class Blind:
     """Plant whose sensors give no numbers after some readings, until others; a run reads once before its samples."""
 
     def __init__(self, reduced, first, last=np.inf):
-        self._plant, self._count = rnc.ReducedPlant(reduced), 0
-        self.blind = lambda count: first < count <= last
+        self._plant = plant = rnc.ReducedPlant(reduced)
+        self.reset, self.apply, self.advance = plant.reset, plant.apply, plant.advance  # those of every plant
+        self._count, self.blind = 0, lambda count: first < count <= last
 
     def __getattr__(self, name):
         return getattr(self._plant, name)
@@ -251,7 +247,8 @@ def test_a_run_whose_first_samples_are_lost_still_knows_its_goals():
 
 
 def test_goals_that_are_missed_or_not_a_number_fail():
-    run = resting()
+    reduced = systems.space_robot()
+    run = rnc.free_motion(reduced, bent(reduced), np.zeros(3), duration=0.1)
     verdict = rnc.simulation.judge(run, goal_errors={"near": 0.019, "far": 0.021, "lost": np.nan})
     assert kinds(verdict) == [(FindingKind.GOAL, "far"), (FindingKind.GOAL, "lost")]
     assert rnc.simulation.judge(run, goal_errors={"far": 0.021}, goal_tolerance=0.03).succeeded

@@ -189,22 +189,18 @@ def test_a_run_that_fails_at_once_still_gives_json(options, outcome, call, tmp_p
     assert parsed(out)["outcome"] == parsed((tmp_path / "summary.json").read_text())["outcome"] == outcome
 
 
-def told(page):
-    """A page as one line, without the frame of its table."""
-    return " ".join(page.replace("│", " ").split())
-
-
 def test_inspect_answers_every_question_on_one_page(call):
     inspect = ("inspect", "space-robot", "--samples", 16)
     status, out, _ = call(*inspect)
     assert status == 0
+    page = " ".join(out.replace("│", " ").split())  # one line, without the frame of its table
     for words in (
         "primary motions tip_x, tip_y ", "redundant motions joint_1 ", "actuators joint_1, joint_2, joint_3",
         "momentum(platform) [nonholonomic]", "completely nonholonomic [growth vector (3, 4),", "3 of 3 reduced forces",
         "class 1 [A4 has full row rank]", "E: momentum(platform), tip_x, tip_y, joint_1 [singular, e.g. at platform =",
         "A4: platform [singular, e.g. at platform =", "Lemma 1 holds, residuals A R ",
     ):  # fmt: skip
-        assert words in told(out), words
+        assert words in page, words
     assert len(out.splitlines()) <= 50
     *best, command = out.splitlines()[-4:]
     assert all(line.startswith("class 1: with tip_xy at rest, ") for line in best)

@@ -70,8 +70,7 @@ def test_regulator_is_the_dense_optimum():
 
 def test_forces_that_are_held_do_not_lag_behind_gravity_and_a_heavier_arm_stays_near_its_plan():
     """Forces of the begin of samples once missed this plan by 4.3 rad/s of the period, a heavier arm by 0.97 rad."""
-    fingers = dict.fromkeys(("panda_finger_joint1", "panda_finger_joint2"), 0.0)
-    robot, heavy = (rnc.Robot.from_example("panda", lock=fingers) for _ in range(2))
+    robot, heavy = (rnc.Robot.from_example("panda", lock=systems.FINGERS) for _ in range(2))
     for body in heavy.model.inertias:
         body.mass *= 1.2
     names, angles = robot.joint_names, list(map(rnc.JointPosition, robot.joint_names))

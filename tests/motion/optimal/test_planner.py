@@ -59,8 +59,7 @@ ARMS += [("ur5_robot", [-1.5, -2.0, 1.8, 0.0, 0.0, 0.0], [1.0, -0.6, 0.4, 0.0, 0
 @pytest.mark.parametrize(("name", "start", "goal", "duration"), ARMS)
 def test_arms_reach_configurations_by_their_efforts(name, start, goal, duration):
     """Efforts turn their light last links at hundreds of rad/s^2; no plan was found."""
-    fingers = {f"panda_finger_joint{k}": 0.0 for k in (1, 2)}
-    robot = rnc.Robot.from_example(name, lock=fingers if name == "panda" else None)
+    robot = rnc.Robot.from_example(name, lock=systems.FINGERS if name == "panda" else None)
     reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce(map(rnc.JointPosition, robot.joint_names))
     plan = rnc.optimal.plan(reduced, start, goal, duration, form="dynamic", seeds=0)
     run = rnc.simulate(reduced, rnc.tvlqr(reduced, plan), start, duration, 0.005)

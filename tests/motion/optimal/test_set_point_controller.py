@@ -146,8 +146,7 @@ def test_an_arm_that_is_heavier_than_its_model_is_held_where_its_goal_is(form, b
 
     A feedback that learned nothing while it followed a plan came to the goal with 0.09, 0.13 and 0.04 rad.
     """
-    fingers = dict.fromkeys(("panda_finger_joint1", "panda_finger_joint2"), 0.0)
-    robot, heavy = (rnc.Robot.from_example("panda", lock=fingers) for _ in range(2))
+    robot, heavy = (rnc.Robot.from_example("panda", lock=systems.FINGERS) for _ in range(2))
     for body in heavy.model.inertias:
         body.mass, body.inertia = heavier * body.mass, heavier * body.inertia
     angles, names = list(map(rnc.JointPosition, robot.joint_names)), robot.joint_names

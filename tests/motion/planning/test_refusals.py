@@ -46,11 +46,6 @@ def way(reduced, start=(0.0, 0.0), goal=(3.0, 0.0), obstacles=(), settings=WaySe
     return find_way(reduced, at_pose(reduced, *start), at_pose(reduced, *goal), obstacles, settings=settings, **options)
 
 
-def unsteered():
-    reduced, q0 = sleigh(), sleigh().robot.configuration()
-    return planning.SteeringGeometry(reduced, q0, "sleigh", speed=0, steering=1, largest=1.0)
-
-
 INSIDE = {rnc.FramePosition("axle", "xy"): [1.5, 3.0], rnc.FrameYaw("axle"): 0.2}
 LEFT = rnc.collision.Obstacle(coal.Box(0.2, 40.0, 1.0), position=(1.5, 20.25, 0.0), name="left")
 CART = rnc.collision.Obstacle(coal.Box(0.6, 0.8, 1.0), name="cart", motion=MinimumJerk([0.0] * 4, [1.0] * 4, 2.0))
@@ -66,7 +61,8 @@ test_mistakes_are_refused_in_one_line = refused([
     (lambda: path((1, 0, 0), start=(0.0, 0.0)), WRONG, r"start of a path: expected x, y and .*, found \[0.0, 0.0\]"),
     (lambda: path((1, 0, 0), duration=0.0), WRONG, "found 0, 1 and 0.785398"),
     (lambda: path((1, 0, 0), wheelbase=0.0), WRONG, "found 5, 0 and 0.785398"),
-    (unsteered, WRONG, "moves while 'sleigh_yaw' turns and the vehicle stands"),
+    (lambda: planning.SteeringGeometry(sleigh(), sleigh().robot.configuration(), "sleigh", speed=0, steering=1,
+        largest=1.0), WRONG, "moves while 'sleigh_yaw' turns and the vehicle stands"),
     (lambda: planning.Hold([np.inf]), INPUT, r"value of a constant reference has to be finite, found \[inf\]"),
     (lambda: planning.Hold(["far"]), INPUT, r"value of a constant reference is not an array of numbers: \['far'\]"),
     (lambda: planning.Hold({"tip": 1.0}), INPUT, "is not an array of numbers"),

@@ -23,12 +23,6 @@ def hand(frame, goal, **settings):
     return tasks.OutputTask(rnc.FramePosition(frame, "xy"), Hold(goal), gain=GAIN, **settings)
 
 
-def across(reduced, q0):
-    """Path of the mobile manipulator's hand."""
-    position = rnc.FramePosition("tip", "xy").bind(reduced.robot)
-    return MinimumJerk(position.value(reduced.at(q0).position), [0.95, 0.2], 1.0)
-
-
 @pytest.mark.parametrize(("reduced", "task"), [
     (systems.space_robot(), hand("tip", [1.0, 0.5])),
     (systems.mobile_manipulator(), hand("tip", [1.0, 0.5])),
@@ -96,7 +90,9 @@ def test_friction_stays_in_its_cone():
     """Of one blade, whose force and load are determined: ``Grip`` computes both from the run."""
     reduced, friction = systems.mobile_manipulator(), 0.1
     q0 = reduced.robot.configuration({"joint_1": 0.5, "joint_2": 1.0})
-    reach = tasks.OutputTask(rnc.FramePosition("tip", "xy"), across(reduced, q0), gain=GAIN)
+    start = rnc.FramePosition("tip", "xy").bind(reduced.robot).value(reduced.at(q0).position)
+    across = MinimumJerk(start, [0.95, 0.2], 1.0)
+    reach = tasks.OutputTask(rnc.FramePosition("tip", "xy"), across, gain=GAIN)
     grip, used = rnc.Grip(reduced, friction), {}
     for given in (friction, 0.3):
         controller = InverseDynamicsQP(reduced, [reach], dt=DT, friction=given)

@@ -13,18 +13,13 @@ TIP = MinimumJerk([1.0, 1.0], [0.5, 0.7], 2.0)
 LAW = 1e-9  # of the largest rate; the bound
 
 
-def space_robot_tasks(**settings):
-    turn = MinimumJerk([0.0], [0.3], 2.0)
-    tip = tasks.OutputTask(rnc.FramePosition("tip", "xy"), TIP, gain=0.9, **settings)
-    return TIP, turn, [tip, tasks.OutputTask(rnc.JointPosition("platform"), turn, gain=1.7, **settings)]
-
-
 @pytest.mark.parametrize("system", [space_robot, spinning_space_robot])
 def test_without_active_limits_the_program_is_law_12(system):
-    reduced = system()
-    primary, vertical, followed = space_robot_tasks()
+    reduced, turn = system(), MinimumJerk([0.0], [0.3], 2.0)
+    followed = [tasks.OutputTask(rnc.FramePosition("tip", "xy"), TIP, gain=0.9)]
+    followed += [tasks.OutputTask(rnc.JointPosition("platform"), turn, gain=1.7)]
     task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
-    law = RedundancyController(task, primary, vertical, k3=1.7, k21=0.9)
+    law = RedundancyController(task, TIP, turn, k3=1.7, k21=0.9)
     wide = limits.JointVelocityLimit(limit=1e6)
     for q, v2 in random_states(reduced, 8, seed=1):
         sample = ControlSample(reduced, 0.3, q, v2, 1e-6)
