@@ -175,7 +175,8 @@ class ContactForceSet:
             with suppress(RncError):
                 state = self._reduced.at(self._reduced.assembled(q))
                 effects, _ = self._effects(state.all_rows[None], self._lines(state.q[None]))
-                found.append(np.linalg.svd(effects[0])[1:])
+                _, values, right = np.linalg.svd(effects[0])
+                found.append((values, right))
         return found
 
     def _directions(self, right: Array) -> Array:

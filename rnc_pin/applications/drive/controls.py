@@ -151,7 +151,7 @@ def find_pivots(reduced: ReducedModel, q0: np.ndarray, frame: str) -> tuple[tupl
     except RncError:  # such as a base that a force drives
         return (), False
     base = controller.base
-    slides, ranges = base.slides and base.at(q0).free.shape[1] == _PLANE, (base.upper - base.lower)[base.pivots]
+    slides, ranges = bool(base.slides) and base.at(q0).free.shape[1] == _PLANE, (base.upper - base.lower)[base.pivots]
     by_hand = not slides and len(ranges) < 2 and ranges.min(initial=np.inf) < np.pi
     return ((), False) if by_hand else (controller.steering, slides)
 

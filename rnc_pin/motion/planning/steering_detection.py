@@ -257,7 +257,7 @@ class SampledBases:
         size = -1
         # A wheel below a caster follows only when the caster does: repeat until no joint is added.
         while size < found.sum():
-            size = found.sum()
+            size = int(found.sum())
             for joint in list(self._model.joints)[1:]:
                 if joint.nv != 1 or found[joint.idx_v] or joint.idx_v in self._limited:
                     continue
