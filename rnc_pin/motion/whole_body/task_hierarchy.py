@@ -35,6 +35,7 @@ _TOUCHING = 1e-12  # relative excess of a limit that is rounding
 _EXCEEDED = 1e-8  # excess of a limit above which it gave way
 _ROUNDING = 1e-12  # residual, relative to the rate, that is rounding
 _SLOW = 0.2  # of the speed of lower levels at which a null space turns by half within a sample
+_TOUCHES, _PUSHES = 1e-3, 0.1  # push of a limit, relative to the largest, from which it counts, and counts fully
 _LEAST_SHARE = 1e-9  # of a direction that lower levels may use, below which they do not see it
 _SECANT = 1e-6  # relative error of the damping
 _ITERATIONS = 20  # of the damping of a level; four or five are enough
@@ -463,10 +464,26 @@ class _Level:
         stiffness = np.append(np.sqrt(1.0 - share[loose]), np.zeros(len(self.unused)))
         return _FreeDirections(kept, self._free.Z @ directions.T, stiffness)
 
-    def largest_speed(self, bounds: ProgramBounds, active: Array) -> float:
-        """Largest speed of lower levels along active limits: the null space turns slowly at it."""
-        rows = bounds.rows[active != 0.0] @ self._free.Z
-        along = np.linalg.svd(rows)[2][len(rows) :] if len(rows) else self._right
+    def largest_speed(self, bounds: ProgramBounds, multipliers: Array) -> float:
+        """Largest speed of lower levels along active limits: the null space turns slowly at it.
+
+        Limits count by their push, the product of multiplier and row: one that only touches must not change the speed
+        at once, or it would come and go with it.
+        """
+        rows = bounds.rows @ self._free.Z
+        pushes = np.abs(multipliers) * np.sqrt(np.vecdot(rows, rows))
+        order = np.argsort(-pushes)[: max(np.count_nonzero(pushes), 1)]
+        shares = pushes[order] / max(float(pushes[order[0]]), _NOTHING)
+        grades = np.log(np.maximum(shares, _NOTHING) / _TOUCHES) / np.log(_PUSHES / _TOUCHES)
+        grades = np.append(np.clip(grades, 0.0, 1.0), 0.0)
+        grades[0] = 1.0
+        # The time of a turn is the mean over the sets of limits that count.
+        weights = zip(range(1, len(grades)), grades[:-1] - grades[1:], strict=True)
+        time = sum(weight / self._speed_along(rows[order[:count]]) for count, weight in weights if weight > 0.0)
+        return 1.0 / time if time else np.inf
+
+    def _speed_along(self, rows: Array) -> float:
+        along = np.linalg.svd(rows)[2][len(rows) :]
         values = np.linalg.svd(self._own @ along.T, compute_uv=False)
         values = values[values > _RANK * self._norm]
         damped = self.added / (values**2 + self.added)  # what is attained may turn

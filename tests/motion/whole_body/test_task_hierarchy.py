@@ -155,3 +155,12 @@ def test_lower_levels_do_not_stop_where_a_limit_comes_to_touch():
     touching = solve_cascade(levels, touched, 0.0, sampled=sampled)
     assert touching.multipliers[0] > 0.0
     np.testing.assert_allclose(touching.unknowns, free.unknowns, atol=1e-5)
+
+
+def test_a_limit_that_only_touches_leaves_lower_levels_their_speed():
+    """Along one row the slower direction is free, along both it is not; in between, the speed is between."""
+    levels, bounds = np.diag([1.0, 0.1, 0.5]), ProgramBounds(np.eye(3)[:2], *np.zeros((2, 2)), np.arange(2), 2)
+    free = task_hierarchy._FreeDirections(np.zeros(3), np.eye(3), np.zeros(3))
+    level = task_hierarchy._Level(free, levels, np.ones(3), 1.0, 0.0, np.arange(3), 0.01)
+    speeds = [level.largest_speed(bounds, np.array([1.0, push])) for push in (0.0, 1e-4, 0.01, 0.03, 0.2, 1.0)]
+    assert speeds[0] == speeds[1] < speeds[2] < speeds[3] < speeds[4] == speeds[5]
