@@ -595,7 +595,7 @@ class ReducedMotion:
         Args:
             by: evaluator of the reduction.
             q, v2: configuration (nq,) and reduced velocities (r,) at the start.
-            T: actuator inputs (p,), constant.
+            T: actuator inputs (p,), constant, or those of each step (count, p).
             h: duration of each step [s].
             count: number of steps.
 
@@ -606,12 +606,12 @@ class ReducedMotion:
         nq, n, r, s = len(q), by.data.n, by.data.r, by.data.r + by.data.vertical.size + 1
         record = np.zeros((count + 1, nq + 2 * (s + n)))
         record[0, :nq], record[0, nq : nq + r] = q, v2
-        before, after, inputs = record[:-1], record[1:], np.tile(T, (count, 1))
+        before, after, inputs = record[:-1], record[1:], np.ascontiguousarray(np.broadcast_to(T, (count, by.data.p)))
         if not by.calls.trace(before, inputs, np.full(count, h), after):
-            for begin, end in zip(before, after, strict=True):
+            for begin, end, held in zip(before, after, inputs, strict=True):
                 start = begin[:nq].copy(), begin[nq : nq + s].copy()
-                end[nq + s : -n] = np.concatenate(self.rate(by, *start, T))
-                end[:nq], end[nq : nq + s], _ = self.steps(by, *start, T, h, 1)
+                end[nq + s : -n] = np.concatenate(self.rate(by, *start, held))
+                end[:nq], end[nq : nq + s], _ = self.steps(by, *start, held, h, 1)
                 end[-n:] = pin.difference(by.data.robot.model, start[0], end[:nq])
         v, v2_dot = after[:, nq + s : nq + s + n], after[:, nq + s + n : nq + s + n + r]
         return record[:, :nq], record[:, nq : nq + r], v, v2_dot, after[:, -n:]

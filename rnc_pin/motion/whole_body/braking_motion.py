@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import DivergenceError, SingularityError
-from rnc_pin.math.linear_algebra import clipped, inverse
+from rnc_pin.math.linear_algebra import clipped, inverse, solve
 from rnc_pin.model.integrators import ReducedMotion
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -45,6 +45,8 @@ _CHANGED = 1e-2, 5e-2, 0.1  # change of configuration, velocity and time [s] aft
 _SOLVED, _INFINITE = 1, 1e30  # of the solver
 _STEP = 0.01  # [s] Runge-Kutta step in shorter samples: motions err by 2e-7
 _COARSE, _DOUBT = 4, 1e-4  # steps in one that is tried first, and the largest error that they may cause
+_DRIFT = 0.03  # part of the speed by which a motion may differ from the one that is wanted
+_SHORT = 32  # steps of a motion that need not be coarse; as many are checked at once
 _CHECKED = 8  # steps before a check: more are in vain where a limit gives way at once, or the motion diverges
 _DOUBTFUL = "a limit gives way by less than the error of coarse steps"
 _LONG = "a braking motion takes more steps than a sample has time for"
@@ -95,27 +97,47 @@ class BrakingState(NamedTuple):
     """Samples without a verified braking motion: the program went on."""
 
 
+class _Decided(NamedTuple):
+    """Inputs (p,) that are held from a state on."""
+
+    q: Array
+    v2: Array
+    T: Array
+
+
 class _Precision(NamedTuple):
     """Precision of the steps of a motion."""
 
-    room: Float[Array, " k"]
-    """Excess over limits that is allowed, less the error so far."""
     coarse: int
     """Length of steps, relative to the finest ones."""
-    halvings: int = 0
-    """Halvings of the last samples under the same inputs."""
+    doubt: float = 0.0
+    """Error of velocities that they may have caused so far."""
     effort: int = 0
     """Time of the motion so far, in Runge-Kutta steps."""
+
+
+class _Part(NamedTuple):
+    """Part of a braking motion."""
+
+    end: StateEvaluation
+    inputs: Float[Array, "m p"]
+    """Inputs of its samples."""
+    decided: list[_Decided]
+    problem: str | None
+    """Limit that gives way."""
+    precision: _Precision
 
 
 class Braking:
     """Braking motions of one program.
 
-    The law removes as much kinetic energy as efforts and ground allow, with inputs that are held over a part of the
-    time to rest. So a motion takes few decisions, and a sample has a budget of them. Its inputs are those that are
-    executed. Limits of joints are checked in each Runge-Kutta step, within it too; other limits after whole samples,
-    as many as their ``spacing`` allows at the speed. Steps are coarse where the error that they may cause leaves all
-    limits of joints.
+    Where efforts and ground allow, all joints stop together, at a constant deceleration. Elsewhere the law removes as
+    much kinetic energy as they allow, with inputs that are held over a part of the time to rest. So a motion takes few
+    decisions, and a sample has a budget of them. Its inputs are those that are executed.
+
+    Limits of joints are checked in each Runge-Kutta step, within it too; other limits after whole samples, as many as
+    their ``spacing`` allows at the speed. Steps are coarse where the error that they may cause leaves all limits of
+    joints.
 
     Args:
         reduced: the model.
@@ -275,29 +297,29 @@ class Braking:
         Its steps are at most ``coarse`` times as long as the finest.
         """
         inputs: list[Array] = []
-        decided: list[tuple[Array, Array, Array]] = []
+        decided: list[_Decided] = []
         problem: str | None = self._late
         # A joint that has stopped would hinder the others: from then on, all stop together.
         speed, first = np.abs(start.v2), together
         slow = np.where(speed > _SMALL * speed.max(initial=0.0), _SMALL * speed, 0.0)
         state, allowed, most = start, np.maximum(before, _KEPT), round(self._longest / self._dt) + 1
-        precision = _Precision(allowed, coarse)
+        precision = _Precision(coarse)
         try:
             while precision.effort < budget:
-                T, held = self._law(state, t, ground, together)
-                decided.append((state.q, state.v, T))
+                T, held, stops = self._law(state, t, ground, together)
                 if not held:
                     inputs.append(T)
-                    problem = self._ground_problem(decided, allowed)
+                    problem = self._ground_problem([*decided, _Decided(state.q, state.v2, T)], allowed)
                     break
                 if len(inputs) + held > most:
                     break
-                end, held, found, precision = self._under(T, held, state, t, allowed, precision)
-                inputs += [T] * held
-                if found is not None:
-                    problem = found
+                on = state, t, allowed, precision
+                part = self._together(held, *on) if stops else self._under(T, held, *on)
+                inputs, decided, precision = inputs + list(part.inputs), decided + part.decided, part.precision
+                if part.problem is not None:
+                    problem = part.problem
                     break
-                state, t = end, t + held * self._dt
+                state, t = part.end, t + len(part.inputs) * self._dt
                 together = together or bool(np.count_nonzero(slow) > 1 and (np.abs(state.v2) < slow).any())
             else:
                 problem = _LONG
@@ -307,59 +329,95 @@ class Braking:
 
     def _under(
         self, T: Array, held: int, state: StateEvaluation, t: float, allowed: Array, precision: _Precision
-    ) -> tuple[StateEvaluation, int, str | None, _Precision]:
-        """State after samples under the same inputs, their number, the limit that one exceeds, the precision then.
+    ) -> _Part:
+        """Part under the same inputs, at most over some samples.
 
-        Where a limit gives way, half the samples are tried: constant inputs suit a part of the way.
+        Half of the way to a limit that gives way is left: constant inputs suit a part of the way.
         """
-        way, coarse = [(0, state, precision.room)], precision.coarse  # checked, with the samples until there
-        part, halvings, effort = max(precision.halvings - 1, 0), 0, precision.effort + _DECISION
-        while way[-1][0] < held:
-            done, last, room = way[-1]
-            # Parts that were too long last time come one by one: a limit that gives way again is found early.
+        coarse, effort, samples = precision.coarse, precision.effort + _DECISION, min(held, self._between_checks(state))
+        decided = [_Decided(state.q, state.v2, T)]
+        while True:
             longest = coarse * self._fine  # samples of a step
-            while part and held >> part < done + longest:
-                part -= 1
-            speed = max(float(np.abs(last.v2).max()), 1e-9)
-            rest = (held >> part) - done
-            samples = int(min(rest, _CHECKED * longest, max(1.0, self._limits.spacing / (speed * self._dt))))
+            samples = min(samples, _CHECKED * longest)
             if samples >= _FEW:  # whole samples in each step: all states on the way are ends of samples
                 samples -= min(samples % longest, samples % -(-samples // longest))
-                if not part and samples >= rest - longest:
-                    held = done + samples
-            q, v2, end, steps, doubts = self._samples(last, t + done * self._dt, T, samples, coarse)
-            effort += _CHECK + len(steps)
-            inside = (steps <= room - doubts[:, None]).all(axis=1) & (doubts <= _DOUBT)
+            q, v2, end, excess, errors = self._samples(state, t, T[None], samples, coarse)
+            doubts, count = precision.doubt + errors, len(excess)
+            effort += _CHECK + count
+            inside, beyond = self._judged(excess, doubts, allowed)
             if inside.all():
-                way.append((done + samples, end, room - doubts[-1]))
-                continue
-            count, good = len(steps), int(inside.argmin())
-            beyond = (steps > room + doubts[:, None]).any(axis=1)
-            if beyond.any():
-                worst, first = steps.max(axis=0), int(beyond.argmax())
-                if not doubts[first] and self._broken(worst, allowed) is None:
-                    # Nor can the finest steps tell after the way so far.
-                    return end, held, _DOUBTFUL, precision._replace(effort=effort)
-                if held == 1:
-                    return end, held, self._broken(worst, room), precision._replace(effort=effort)
-                # Halves that contain the first step beyond a limit need not be tried.
-                before, part = held, 0
-                while held > max(done + samples * first // count, 1) or held == before:
-                    held, halvings = held // 2, halvings + 1
-                way = [each for each in way if each[0] <= held]
-            # What is checked remains, as far as it ends with a sample.
-            known = min(good, max(held - done, 0) * count // samples) if self._limits.spacing == np.inf else 0
+                return _Part(end, np.tile(T, (samples, 1)), decided, None, _Precision(coarse, doubts[-1], effort))
+            good = int(inside.argmin())
+            known = (good // 2 if beyond[good] else good) if self._limits.spacing == np.inf else 0
             while known * samples % count:
                 known -= 1
             if known:
-                at = done + known * samples // count
-                if known < good and beyond.any():
-                    held = at
-                there = known_state(self._reduced, q[known], v2[known], t + at * self._dt)
-                way.append((at, there, room - doubts[known - 1]))
-            if doubts[good] and not beyond[good]:
+                samples = known * samples // count
+                end = known_state(self._reduced, q[known], v2[known], t + samples * self._dt)
+                precision = _Precision(coarse, doubts[known - 1], effort)
+                return _Part(end, np.tile(T, (samples, 1)), decided, None, precision)
+            if not beyond[good] and coarse > 1:
                 coarse //= 2  # these steps cannot tell
-        return way[-1][1], held, None, _Precision(way[-1][2], coarse, halvings, effort)
+            elif samples > 1:
+                samples //= 2
+            else:
+                found = self._broken(excess.max(axis=0), allowed) or _DOUBTFUL
+                return _Part(end, T[None], decided, found, _Precision(coarse, doubts[-1], effort))
+
+    def _together(self, held: int, state: StateEvaluation, t: float, allowed: Array, precision: _Precision) -> _Part:
+        """Part in which all joints come to rest together after some samples, or the begin of it.
+
+        The inputs are those of a constant deceleration, each held over a step, or over two coarse ones. So a joint that
+        rests at its limit stays there. Where the motion leaves this one, the next decision takes over.
+        """
+        coarse = min(precision.coarse, -(-held // (_SHORT * self._fine)))
+        length = min((2 * coarse if coarse > 1 else 1) * self._fine, held, self._between_checks(state))
+        count, speed = -(-held // length), np.abs(state.v2).max()
+        T, wanted = self._inputs_to_rest(state, count, count * length * self._dt)
+        doubt, effort, done = precision.doubt, precision.effort + _DECISION, 0
+        decided, found, apart = list[_Decided](), None, np.zeros(1, dtype=bool)
+        while done < count and found is None and not apart[-1]:
+            size = min(count - done, _SHORT, max(self._between_checks(state) // length, 1))
+            while True:
+                q, v2, end, excess, errors = self._samples(state, t, T[done : done + size], length, coarse)
+                steps, effort = len(errors) // size, effort + _CHECK + len(errors)
+                apart = np.abs(v2[steps::steps] - wanted[done : done + size]).max(axis=1) > _DRIFT * speed
+                if not apart[:-1].any():
+                    break
+                size = int(apart.argmax()) + 1
+            inside, beyond = self._judged(excess, doubt + errors, allowed)
+            if not inside.all():
+                found = self._broken(excess.max(axis=0), allowed) if beyond.any() else _DOUBTFUL
+            some = slice(None, None, -(-size // _CHECKED))
+            decided += map(_Decided, q[:-1:steps][some], v2[:-1:steps][some], T[done : done + size][some])
+            doubt, done = doubt + errors[-1], done + size
+            state, t = end, t + size * length * self._dt
+        # Blocks that lead elsewhere at once are too long.
+        coarse = precision.coarse if done > 1 else max(coarse // 2, 1)
+        return _Part(state, np.repeat(T[:done], length, axis=0), decided, found, _Precision(coarse, doubt, effort))
+
+    def _inputs_to_rest(self, state: StateEvaluation, count: int, whole: float) -> tuple[Array, Array]:
+        """Inputs (count, p) of a constant deceleration to rest in equal parts of a time, v2 (count, r) after each."""
+        share = np.arange(1, count + 1) / count
+        middle = share - 0.5 / count
+        ways = whole * (middle - 0.5 * middle**2)[:, None] * state.v
+        q = np.array([pin.integrate(self._reduced.robot.model, state.q, way) for way in ways])
+        along = StateEvaluation.at(self._reduced.evaluator, q, (1.0 - middle)[:, None] * state.v2)
+        B, p = along.input_matrix, self._reduced.p
+        force = np.matvec(along.H, -state.v2 / whole - along.v2_dot(np.zeros((count, p))))
+        T = solve(B, force) if p == len(state.v2) else np.matvec(np.linalg.pinv(B), force)
+        return clipped(T, self._efforts), (1.0 - share)[:, None] * state.v2
+
+    def _between_checks(self, state: StateEvaluation) -> int:
+        """Number of samples after which limits that do not know each step have to be checked."""
+        speed = max(float(np.abs(state.v2).max()), 1e-9)
+        return int(min(max(1.0, self._limits.spacing / (speed * self._dt)), self._longest / self._dt))
+
+    @staticmethod
+    def _judged(excess: Array, doubts: Array, allowed: Array) -> tuple[Array, Array]:
+        """Masks of the steps (K,) that certainly keep all limits, and of those at which one certainly gives way."""
+        kept = (excess <= allowed - doubts[:, None]).all(axis=1) & (doubts <= _DOUBT)
+        return kept, (excess > allowed + doubts[:, None]).any(axis=1)
 
     def exceeded(
         self, state: StateEvaluation, t: float, rows: LimitRows | None = None, mean: Array | None = None
@@ -369,7 +427,9 @@ class Braking:
         found[: len(self._limits.names)] = self._limits.exceeded(state, t, rows, mean)
         return found
 
-    def _law(self, state: StateEvaluation, t: float, contacts: ContactBounds, together: bool) -> tuple[Array, int]:
+    def _law(
+        self, state: StateEvaluation, t: float, contacts: ContactBounds, together: bool
+    ) -> tuple[Array, int, bool]:
         """Inputs, and the number of samples for which they are held, zero at rest.
 
         Inputs that stop all joints within a time h are ``load + impulse / h``.
@@ -387,8 +447,7 @@ class Braking:
             held = 1 if shortest <= self._dt else int(np.ceil(_RESERVE * min(shortest, self._longest) / self._dt))
             if (held == 1 or together) and shortest < self._longest and self._may_stop(state, t, held):
                 moving = np.abs(state.v).max(initial=0.0) > _REST
-                part = held if held < _FEW else int(_PART * held)  # constant inputs lead elsewhere in the end
-                return load + impulse / (held * self._dt), part if moving else 0
+                return load + impulse / (held * self._dt), held if moving else 0, True
         slowing, speed = self._slowing(effects, adverse, state, t, ground, upper), np.abs(state.v2)
         T = slowing(self._dt)
         rate = effects @ T + adverse
@@ -396,7 +455,7 @@ class Braking:
         shortest = np.divide(speed, np.abs(rate), out=np.full(len(rate), self._longest), where=stops).min()
         # Of the next joint at rest, some time is left to the next decision: its deceleration changes on the way.
         held = int(_PART * shortest / self._dt)
-        return (T, 1) if held < 2 else (slowing(held * self._dt), held)
+        return (T, 1, False) if held < 2 else (slowing(held * self._dt), held, False)
 
     def _may_stop(self, state: StateEvaluation, t: float, held: int) -> bool:
         """True unless limits that rows judge, such as those of accelerations, exclude rest after some samples."""
@@ -452,25 +511,39 @@ class Braking:
         return after
 
     def _samples(
-        self, start: StateEvaluation, t: float, T: Array, count: int, coarse: int
+        self, start: StateEvaluation, t: float, T: Array, length: int, coarse: int
     ) -> tuple[Array, Array, StateEvaluation, Array, Array]:
-        """Ends q, v2 of K steps of samples under the same inputs, the last state, excess (K, k) and its error (K,).
+        """Ends q, v2 of K steps of samples, the last state, excess (K, k) and the error (K,) of these steps.
 
         The error of coarse steps is the difference to Simpson's rule: over two steps, both err by the fifth order.
+
+        Args:
+            start: state at their start.
+            t: its time [s].
+            T: inputs (b, p), each held over some samples.
+            length: number of these samples.
+            coarse: length of steps, relative to the finest ones.
         """
-        whole, limits = count * self._dt, self._limits
-        finest = -(-count // self._fine)
+        whole, limits = len(T) * length * self._dt, self._limits
+        finest = -(-length // self._fine)
         steps = max(-(-finest // coarse), min(finest, 2))  # Simpson's rule takes two
-        h, doubts = whole / steps, np.zeros(steps)
-        q, v2, v, rates, way = self._motion.trace(self._reduced.evaluator, start.q, start.v2, T, h, steps)
+        count, evaluator = len(T) * steps, self._reduced.evaluator
+        h, errors = whole / count, np.zeros((len(T), steps, self._reduced.r))
+        q, v2, v, rates, way = self._motion.trace(evaluator, start.q, start.v2, np.repeat(T, steps, axis=0), h, count)
         end = known_state(self._reduced, q[-1], v2[-1], t + whole)
         if steps < finest:
-            effects, adverse = end.input_accelerations
-            rates = np.vstack([rates, effects @ T + adverse])
-            missed = v2[2:] - v2[:-2] - h / 3.0 * (rates[:-2] + 4.0 * rates[1:-1] + rates[2:])
-            doubts[1:] = np.abs(missed).cumsum(axis=0).max(axis=1)
-            doubts[0] = doubts[1]
-        found = np.full((steps, len(self._names)), -np.inf)
+            last = q[steps::steps].copy(), v2[steps::steps].copy()
+            ends = last[1], StateEvaluation.at(evaluator, *last).v2_dot(T)
+            # Rates jump with the inputs: each end of inputs has its own.
+            u, a = (
+                np.concatenate([each.reshape(len(T), steps, -1), stop[:, None]], axis=1)
+                for each, stop in zip((v2[:-1], rates), ends, strict=True)
+            )
+            missed = u[:, 2:] - u[:, :-2] - h / 3.0 * (a[:, :-2] + 4.0 * a[:, 1:-1] + a[:, 2:])
+            errors[:, 1:] = np.abs(missed)
+        doubts = errors.reshape(count, -1).cumsum(axis=0).max(axis=1).reshape(len(T), steps)
+        doubts[:, 0] = doubts[:, min(steps, 2) - 1]  # Simpson's rule concerns both
+        found = np.full((count, len(self._names)), -np.inf)
         own = found[:, : len(limits.names)]
         own[:] = limits.along(HeldMotion(q, np.vstack([v, end.v]), v2, way / h, h))
         if limits.spacing < np.inf:
@@ -478,15 +551,15 @@ class Braking:
             if limits.ends_judged_by_rows:
                 rows = limits.rows(ControlSample(self._reduced, t, start.q, start.v2, whole, start), braking=True)
             np.maximum(own[-1], limits.exceeded(end, t + whole, rows, at_ends=True), out=own[-1])
-        return q, v2, end, found, doubts
+        return q, v2, end, found, doubts.ravel()
 
-    def _ground_problem(self, decided: list[tuple[Array, Array, Array]], allowed: Array) -> str | None:
+    def _ground_problem(self, decided: list[_Decided], allowed: Array) -> str | None:
         """Condition of the ground that inputs violate at their states."""
         if not self._contacts.names:
             return None
-        q, v, T = (np.array(each) for each in zip(*decided, strict=True))
+        q, v2, T = (np.array(each) for each in zip(*decided, strict=True))
         excess = np.zeros(len(self._names))
-        excess[-len(self._contacts.names) :] = self._contacts.excess(self._reduced.at(q, v=v), T)
+        excess[-len(self._contacts.names) :] = self._contacts.excess(self._reduced.at(q, v2), T)
         return self._broken(excess, allowed)
 
     def _broken(self, exceeded: Array, allowed: Array) -> str | None:
