@@ -467,24 +467,22 @@ class _Level:
     def largest_speed(self, bounds: ProgramBounds, multipliers: Array) -> float:
         """Largest speed of lower levels along active limits: the null space turns slowly at it.
 
-        Limits count by their push, the product of multiplier and row: one that only touches must not change the speed
-        at once, or it would come and go with it.
+        Limits count by their push, the product of multiplier and row. One that only touches, or is nearly parallel to
+        others, must not change the speed at once: it would come and go with it.
         """
-        rows = bounds.rows @ self._free.Z
-        pushes = np.abs(multipliers) * np.sqrt(np.vecdot(rows, rows))
-        order = np.argsort(-pushes)[: max(np.count_nonzero(pushes), 1)]
-        shares = pushes[order] / max(float(pushes[order[0]]), _NOTHING)
-        grades = np.log(np.maximum(shares, _NOTHING) / _TOUCHES) / np.log(_PUSHES / _TOUCHES)
-        grades = np.append(np.clip(grades, 0.0, 1.0), 0.0)
-        grades[0] = 1.0
-        # The time of a turn is the mean over the sets of limits that count.
-        weights = zip(range(1, len(grades)), grades[:-1] - grades[1:], strict=True)
-        time = sum(weight / self._speed_along(rows[order[:count]]) for count, weight in weights if weight > 0.0)
+        pushes = multipliers[:, None] * (bounds.rows @ self._free.Z)
+        _, sizes, right = np.linalg.svd(pushes[multipliers != 0.0])
+        grades = np.log(np.maximum(sizes / sizes.max(initial=_NOTHING), _NOTHING) / _TOUCHES) / np.log(
+            _PUSHES / _TOUCHES
+        )
+        grades = np.concatenate([[1.0], np.clip(grades, 0.0, 1.0), [0.0]])
+        # The time of a turn is the mean over the numbers of directions that are excluded.
+        weights = enumerate(grades[:-1] - grades[1:])
+        time = sum(weight / self._speed_along(right[count:]) for count, weight in weights if weight > 0.0)
         return 1.0 / time if time else np.inf
 
-    def _speed_along(self, rows: Array) -> float:
-        along = np.linalg.svd(rows)[2][len(rows) :]
-        values = np.linalg.svd(self._own @ along.T, compute_uv=False)
+    def _speed_along(self, directions: Array) -> float:
+        values = np.linalg.svd(self._own @ directions.T, compute_uv=False)
         values = values[values > _RANK * self._norm]
         damped = self.added / (values**2 + self.added)  # what is attained may turn
         return _SLOW * float((values / damped).min(initial=np.inf)) / self._factor
