@@ -58,8 +58,7 @@ def draft_scenario(
     path = out or Path(Path(robot).name.split(".")[0] + ".yaml")
     own = os.path.isfile(path) and path.resolve() == Path(robot).resolve()
     check_new_file("--out", path, force or own)
-    xacro = parse_options(arguments)
-    wishes = DraftOptions(xacro_arguments=xacro, lock=_held(lock), **stated)
+    wishes = DraftOptions(xacro_arguments=parse_options(arguments), lock=_held(lock), **stated)
     found = draft_with_decisions(robot, path.parent, wishes)
     for question in found.questions:
         click.echo(f"rnc-pin: question: {question}", err=True)

@@ -154,8 +154,7 @@ def _invariants(summary: Summary, inputs: Mapping[str, str]) -> Iterator[tuple[s
     if "off_tracking_max" in summary:
         yield "trailer off the driven path, largest", f"{summary['off_tracking_max']:.1e} m"
     if summary["lift_off"] is not None:
-        lowest = f"{summary['lift_off']['lowest']:.3g} N"
-        yield f"normal force of {summary['lift_off']['contact']}, lowest", lowest
+        yield f"normal force of {summary['lift_off']['contact']}, lowest", f"{summary['lift_off']['lowest']:.3g} N"
     of_links = "distance between links, smallest", summary.get("smallest_own_distance")
     for words, nearest in (("distance to obstacles, smallest", summary.get("smallest_distance")), of_links):
         if nearest is not None:

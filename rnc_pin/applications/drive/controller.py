@@ -140,22 +140,20 @@ class _Base(BoundTask):
             row = sample.end.R[self._robot.velocity_indices(base.steering).start]
             # A key that is held turns the joint into its limit: it slows down before.
             room = (reach.upper if rate > 0 else reach.lower) - angle
-            return BaseRates(
-                speed * forward, speed * left, np.sign(rate) * board.approach(room, TURNING, abs(rate), row)
-            )
+            steering = np.sign(rate) * board.approach(room, TURNING, abs(rate), row)
+            return BaseRates(speed * forward, speed * left, steering)
         goal = board.goals.base_goal
         if goal is None:
             return None
         placed = sample.end.position.placement(self._frame)
         x, y = (float(each) for each in placed.translation[:2])
         yaw = heading_of(placed.rotation)
-        bend = 0.0
-        if not base.turns:
-            bend = curvature(sample.end, base_rows(self._robot, base.frame, sample.end), self._places)
-        return rates_to_goal(base, (x, y, yaw), goal, bend, self._approach(sample), (speed, turn))
+        rows = base_rows(self._robot, base.frame, sample.end)
+        bend = 0.0 if base.turns else curvature(sample.end, rows, self._places)
+        return rates_to_goal(base, (x, y, yaw), goal, bend, self._approach(rows @ sample.end.R), (speed, turn))
 
-    def _approach(self, sample: ControlSample) -> Approach:
-        rows, gains = base_rows(self._robot, self._base.frame, sample.end) @ sample.end.R, (SLOWING, TURNING)
+    def _approach(self, rows: np.ndarray) -> Approach:
+        gains = SLOWING, TURNING
         return lambda error, axis, speed: self._board.approach(error, gains[axis], speed, rows[axis])
 
 
@@ -278,10 +276,8 @@ class DriveController:
         for each in chain(*bounded):
             if each.quantity == "v2":
                 self._board.accelerations[each.column] = each.upper
-        robot = reduced.robot
-        self._joints = {name: robot.single_joint(name) for name in controls.joints}
-        base = controls.base
-        self._base_frame = None if base is None else robot.frame_id(base.frame)
+        self._joints = {name: reduced.robot.single_joint(name) for name in controls.joints}
+        self._base_frame = None if controls.base is None else reduced.robot.frame_id(controls.base.frame)
 
     def _tasks(self) -> list[ControlTask]:
         reduced, board, controls = self._reduced, self._board, self.controls

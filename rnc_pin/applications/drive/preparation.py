@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -104,8 +104,7 @@ def prepare_drive(source: Scenario, options: Mapping[str, Json], frames: Sequenc
     chosen = tuple(frames) or _default_frames(content, system.robot)
     for frame in chosen:
         system.robot.frame_id(frame)
-    config = _driven_config(source, system, chosen, options)
-    return _driven(replace(source, raw=config), chosen)
+    return _driven(replace(source, raw=_driven_config(source, system, chosen, options)), chosen)
 
 
 def _driven(scenario: Scenario, frames: tuple[str, ...]) -> PreparedDrive:
@@ -135,8 +134,7 @@ def _with_obstacles(
     if geometry is None or not len(geometry.geometryObjects):
         return list(limits)
     # Also if the scenario asks for none: its author knew the motion, and a user goes anywhere.
-    avoidance = given or CollisionAvoidance(q0=experiment.q0)
-    return [*kept, replace(avoidance, obstacles=tuple(experiment.obstacles))]
+    return [*kept, replace(given or CollisionAvoidance(q0=experiment.q0), obstacles=tuple(experiment.obstacles))]
 
 
 # ------------------------------------------------------------------ the configuration
@@ -216,9 +214,7 @@ def _reducing(source: Scenario, system: NonholonomicSystem) -> tuple[list[dict[s
     return [dict(entry) for entry in chosen.entries], q0
 
 
-def _output_candidates(
-    source: Scenario, robot: Robot, joints_first: bool
-) -> Iterator[tuple[Mapping[str, Json], float]]:
+def _output_candidates(source: Scenario, robot: Robot, joints_first: bool) -> list[tuple[Mapping[str, Json], float]]:
     """Yield output entries by preference: speeds and joints of the scenario, the base, joints, then all others."""
     given = mapping_of(source.raw.get("outputs")).get("reducing")
     entries = [each for each in given if isinstance(each, Mapping)] if isinstance(given, list) else []
@@ -233,9 +229,7 @@ def _output_candidates(
     if joints_first:
         told.sort(key=lambda each: "joint" not in each)
     every = [*told, *entries]
-    for k, entry in enumerate(every):
-        if entry not in every[:k]:
-            yield entry, 0.0
+    return [(entry, 0.0) for k, entry in enumerate(every) if entry not in every[:k]]
 
 
 def _default_frames(scenario: ScenarioFile, robot: Robot) -> tuple[str, ...]:
@@ -245,12 +239,10 @@ def _default_frames(scenario: ScenarioFile, robot: Robot) -> tuple[str, ...]:
     bodies = {int(each.parentJoint): str(each.name) for each in robot.model.frames if each.type.name == "BODY"}
     ends = [bodies[joint] for joint in sorted(bodies) if joint and joint not in parents]
     root = robot.joint_id("root_joint") if "root_joint" in robot.joint_names else 0
-    found: list[str] = []
-    for name in (*named, *scenario.view.trail, *([] if named else ends)):
-        if robot.model.existFrame(name) and robot.model.frames[robot.frame_id(name)].parentJoint not in (0, root):
-            found.append(name)
+    known = filter(robot.model.existFrame, dict.fromkeys((*named, *scenario.view.trail, *([] if named else ends))))
     most_frames = 4
-    return tuple(dict.fromkeys(found))[:most_frames]
+    carried = [name for name in known if robot.model.frames[robot.frame_id(name)].parentJoint not in (0, root)]
+    return tuple(carried[:most_frames])
 
 
 def _check_drivable(name: str, experiment: Experiment) -> None:

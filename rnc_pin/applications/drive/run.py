@@ -99,8 +99,7 @@ class DriveStatus(NamedTuple):
     def messages(self) -> list[str]:
         """Lines about goals and commands."""
         away = [f"{frame}: {distance:.2f} m from its goal" for frame, distance in self.distances.items()]
-        refused = [f"refused: {self.refused}"] if self.refused else []
-        return [*away, *refused]
+        return [*away, *([f"refused: {self.refused}"] if self.refused else [])]
 
 
 def goal_distances(controls: DriveControls, goals: DriveGoals, points: Mapping[str, np.ndarray]) -> dict[str, float]:

@@ -278,5 +278,4 @@ def _evidence(source: Source) -> BaseEvidence:
             layout.fixed += (axle for axle in search.drawn_axles if axle.joint == at_start.root_joint)
     balance = other_bases.balance_decision(layout, at_start, options.balance) if options.base is None else None
     rollers = omnidirectional.rollers_decision(layout, at_start, options.rollers)
-    drawn = classify_wheels(shapes, drives)
-    return BaseEvidence(at_start, source, search, layout, axles, drawn, balance, rollers)
+    return BaseEvidence(at_start, source, search, layout, axles, classify_wheels(shapes, drives), balance, rollers)

@@ -194,8 +194,7 @@ def omnidirectional_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAss
     # Roller axes through one point leave the turn about it free, parallel ones a slide: no wheel would tell it.
     if np.linalg.svd(unit_rows(_on_base(wheels, angles)), compute_uv=False)[2] < apart:
         return force_driven_base(layout, at_start, "these rollers do not constrain the base in three directions")
-    kind = f"{len(wheels)} {'Mecanum' if parallel else 'omni'} wheels"
-    result = wheeled_base.planar(at_start, kind, wheels)
+    result = wheeled_base.planar(at_start, f"{len(wheels)} {'Mecanum' if parallel else 'omni'} wheels", wheels)
     modelled = [roller for wheel in wheels for roller in wheel.rollers]
     # Which roller touches changes as a wheel turns; the row holds for the one at the ground, at every angle.
     result.hold(modelled, "the roller at the ground is a constraint row; those of the file are locked")

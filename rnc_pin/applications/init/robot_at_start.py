@@ -158,8 +158,7 @@ def _points(item: pin.GeometryObject) -> tuple[np.ndarray, float] | None:
     if kind == "Ellipsoid":  # its ends only: a wheel that is drawn as one is smaller between them
         return np.concatenate([np.diag(geometry.radii), -np.diag(geometry.radii)]), 0.0
     if kind == "Box":
-        corners = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
-        return corners * geometry.halfSide, 0.0
+        return np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T * geometry.halfSide, 0.0
     if kind.startswith("BVHModel"):
         points = np.array(geometry.vertices(), dtype=float).reshape(-1, 3)
         # One NaN would make every height of the ground NaN.

@@ -200,8 +200,7 @@ class ScenarioCandidate:
     def _run(self, raw: dict[str, Json], experiment: Experiment, duration: float) -> tuple[Result, float]:
         """Run a part of an experiment; return the result and the processor time of its samples [s]."""
         clock: list[float] = []  # of this process: other work on the machine changes no draft
-        settings = experiment.simulation.model_copy(update={"duration": duration})
-        brief = replace(experiment, simulation=settings)
+        brief = replace(experiment, simulation=experiment.simulation.model_copy(update={"duration": duration}))
         made = Scenario("draft", raw, self.source.folder).built_with(content=experiment.scenario, experiment=brief)
         result = execute(made, lambda _: clock.append(time.process_time()))
         if result.error is not None:
@@ -228,9 +227,8 @@ class ScenarioCandidate:
     @property
     def _coupled_by_mimics(self) -> dict[str, set[str]]:
         """Joints that move together by mimics of the file, by the name of each."""
-        drivers = self.mobility.mimic_drivers
         groups: dict[str, set[str]] = {}
-        for joint, driver in drivers.items():
+        for joint, driver in self.mobility.mimic_drivers.items():
             groups.setdefault(driver, {driver}).add(joint)
         return {name: group for group in groups.values() for name in group}
 
@@ -285,9 +283,8 @@ class ScenarioCandidate:
     def _chosen_outputs(self) -> assumptions.ChosenOutputs:
         """Reducing outputs; their motion stays within the loops."""
         mobility = self.mobility
-        chosen = assumptions.select_outputs(
-            assumptions.output_candidates(mobility, self.robot, self.start), self.system, self.q0
-        )
+        wanted = assumptions.output_candidates(mobility, self.robot, self.start)
+        chosen = assumptions.select_outputs(wanted, self.system, self.q0)
         # An output has one role: a reducing one is not vertical, too.
         mobility.vertical = [entry for entry in mobility.vertical if entry not in chosen.entries]
         if mobility.feedback is not None:
@@ -314,8 +311,7 @@ class ScenarioCandidate:
         if self.mobility.feedback is None:
             driving = self.candidates.enough(self.system.reduce(chosen.kinds).at(self.q0).input_matrix)
         self._against = [str(each[0]) for each in driving if each in self.candidates.joints]
-        without = self.mobility.without_effort
-        idle = [name for name in self.start if name in without and name not in self._against]
+        idle = [name for name in self.start if name in self.mobility.without_effort and name not in self._against]
         why = "no actuator in the file" if self.source.is_mjcf else "effort 0 in the file"
         if idle:
             self.mobility.notes.append(f"{why}, so that nothing drives them: {', '.join(idle)}")

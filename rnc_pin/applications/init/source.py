@@ -317,11 +317,9 @@ def _entry(source: str, folder: Path) -> dict[str, Json]:
     if os.path.isfile(path):
         if path.suffix in (".yaml", ".yml"):
             raise ModelError(f"{path}: that is a scenario, not a robot: run it with: rnc-pin run {shlex.quote(source)}")
-        relative = os.path.relpath(path.resolve(), folder.resolve())
         # The root element and not the ending tells: both formats end in .xml.
-        if path.suffix == ".xacro" or parse_xml(path).tag != "mujoco":
-            return {"urdf": relative}
-        return {"mjcf": relative}
+        is_mjcf = path.suffix != ".xacro" and parse_xml(path).tag == "mujoco"
+        return {"mjcf" if is_mjcf else "urdf": os.path.relpath(path.resolve(), folder.resolve())}
     if os.path.isdir(path):
         raise ModelError(f"'{source}' is a folder, expected a robot's file")
     shipped = [each.name for each in shipped_directory().glob("*.urdf")]
@@ -329,5 +327,4 @@ def _entry(source: str, folder: Path) -> dict[str, Json]:
         return {"urdf": source}
     if source in example_urdfs():
         return {"example": source}
-    valid = [*shipped, *example_urdfs()]
-    raise ModelError(f"no robot '{source}': neither a file nor a name{nearest(source, valid)}")
+    raise ModelError(f"no robot '{source}': neither a file nor a name{nearest(source, [*shipped, *example_urdfs()])}")

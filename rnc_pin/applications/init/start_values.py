@@ -181,9 +181,7 @@ def _middle(robot: Robot, name: str) -> float:
     low, high = joint_range(robot, name)
     if low > high:  # limits of mimic joints contradict its own, which count then
         low, high = joint_limits(robot, name)
-    if np.isfinite(high - low):
-        return round((low + high) / 2, 4)
-    return float(min(max(0.0, low), high))
+    return round((low + high) / 2, 4) if np.isfinite(high - low) else float(min(max(0.0, low), high))
 
 
 def _with_mimics(robot: Robot, start: Mapping[str, float]) -> _Values:
@@ -191,8 +189,7 @@ def _with_mimics(robot: Robot, start: Mapping[str, float]) -> _Values:
     for _ in robot.mimics:  # mimic joints can form chains
         for joint, of, multiplier, offset in robot.mimics:
             if joint in values:
-                leading = values.get(of, robot.locked.get(of, 0.0))
-                values[joint] = round(multiplier * leading + offset, 9) + 0.0
+                values[joint] = round(multiplier * values.get(of, robot.locked.get(of, 0.0)) + offset, 9) + 0.0
     return values
 
 
@@ -254,9 +251,7 @@ def _smallest_eigenvalue(robot: Robot, start: Mapping[str, float]) -> float:
     """Smallest eigenvalue of the inertia matrix with ones on its diagonal."""
     M = pin.crba(robot.model, robot.model.createData(), robot.configuration(start))
     # A zero on the diagonal cannot be scaled to one: the matrix is singular.
-    if not np.diag(M).all():
-        return 0.0
-    return float(np.linalg.eigvalsh(unit_diagonal(M))[0])
+    return float(np.linalg.eigvalsh(unit_diagonal(M))[0]) if np.diag(M).all() else 0.0
 
 
 def _aside(robot: Robot, name: str, value: float) -> float:

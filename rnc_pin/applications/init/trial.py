@@ -195,8 +195,7 @@ def run_findings(trial: Trial, trajectory: Trajectory, mobility: BaseAssumptions
         enough = 0.5  # smallest share of the displacement that was asked for
         if not moved >= enough * asked:
             message = f"its base moves {moved:.2g} m in the trial, and should move {asked:.2g} m"
-            missing = asked - moved
-            found.append(Finding(FindingKind.GOAL, mobility.frame, missing, "m", None, Severity.FAILS, message))
+            found.append(Finding(FindingKind.GOAL, mobility.frame, asked - moved, "m", None, Severity.FAILS, message))
     said = [each for each in trajectory.verdict.findings if each.kind in _OF_RUN and each.severity is not Severity.NOTE]
     # Limits and collisions may be mistakes of the file: no reason for another kind of base.
     return [*found, *(replace(each, severity=Severity.DEGRADES) for each in said)]

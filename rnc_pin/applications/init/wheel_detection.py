@@ -60,8 +60,7 @@ class Pivot:
             point: point in the world frame (3,) [m].
         """
         away = point - self.point
-        away = away - away[2] / self.axis[2] * self.axis
-        return np.asarray(away)
+        return np.asarray(away - away[2] / self.axis[2] * self.axis)
 
 
 @dataclass(frozen=True)

@@ -128,8 +128,7 @@ def planar_on_wheels(layout: WheelLayout, at_start: RobotAtStart, kind: str) -> 
         said = "no joint turns these wheels about their axles, so that they are knife edges"
         result.notes.append(f"{said}: {few(drawn)}")
     # A ball slides where it does not roll, so it has no row, and its joint about one axis is only a drawing.
-    gliding = [wheel.joint for wheel in layout.balls]
-    result.hold(gliding, "ball casters slide, so that they are locked and only drawn")
+    result.hold([wheel.joint for wheel in layout.balls], "ball casters slide, so that they are locked and only drawn")
     result.passive |= {dolly for dolly in layout.dollies if not at_start.drives.says(dolly)}
     return result
 
@@ -181,8 +180,7 @@ def knife_edge_base(axles: list[Wheel], drawn: WheelLayout, at_start: RobotAtSta
 def _midway(at_start: RobotAtStart, axle: np.ndarray, middle: np.ndarray) -> dict[str, Json]:
     """Knife edge at the midpoint of several axles; axle direction (3,) and midpoint (3,) in the world frame."""
     edge: dict[str, Json] = {"frame": at_start.frame, "axis": at_start.own_axis(axle)}
-    height = float(at_start.placement.translation[2])
-    at = at_start.own_point(np.array([middle[0], middle[1], height]))
+    at = at_start.own_point(np.array([*middle[:2], at_start.placement.translation[2]]))
     if any(at):
         edge["at"] = at
     return edge
@@ -258,13 +256,11 @@ def _is_left(wheel: Wheel, layout: WheelLayout) -> bool:
 
 def _crawl(result: BaseAssumptions, layout: WheelLayout, sides: list[list[Wheel]], at_start: RobotAtStart) -> None:
     """Add two tracks: a band couples the wheels of one side, one of them drives it, and its ends support the base."""
-    middle = np.mean([wheel.center for wheel in layout.fixed], axis=0)
-    edge = _midway(at_start, layout.fixed[0].axle, middle)
+    edge = _midway(at_start, layout.fixed[0].axle, np.mean([wheel.center for wheel in layout.fixed], axis=0))
     result.constraints.append(({"no_side_slip": edge}, "the middle of the tracks: MEASURE where it turns"))
     drivers = []
     for side in sides:
-        above = [wheel for wheel in layout.raised if _is_left(wheel, layout) == _is_left(side[0], layout)]
-        every = [*side, *above]
+        every = [*side, *(each for each in layout.raised if _is_left(each, layout) == _is_left(side[0], layout))]
         # One motor for each side: that of the file, else the wheel called so, else the first one.
         named = [wheel for wheel in every if wheel.joint in layout.driven.joints and layout.driven.confidence > GUESSED]
         called = [wheel for wheel in every if has_word("sprocket|drive|driver|driving", *wheel.names)]
