@@ -55,10 +55,8 @@ def build_task(scenario: ScenarioFile, reduced: ReducedModel) -> Task:
         reduced: its reduced model.
     """
     names = scenario.task
-    primary = names.primary
     # With redundant outputs alone, a file means that none is primary.
-    if not primary and not names.redundant:
-        primary = list(reduced.reducing.names)
+    primary = names.primary if names.primary or names.redundant else list(reduced.reducing.names)
     return Task.of(reduced, primary, names.redundant, names.vertical)
 
 
@@ -213,8 +211,7 @@ def _unmeasured(obstacles: Sequence[Obstacle], reduced: ReducedModel) -> tuple[s
     geometry = reduced.robot.collision_model if obstacles else None
     if not obstacles or (geometry is not None and len(geometry.geometryObjects)):
         return ()
-    text = f"robot '{reduced.robot.name}' has no collision geometry: its distances to the obstacles are not known"
-    return (text,)
+    return (f"robot '{reduced.robot.name}' has no collision geometry: its distances to the obstacles are not known",)
 
 
 def _grip(scenario: ScenarioFile, reduced: ReducedModel) -> Grip | None:

@@ -63,9 +63,9 @@ def execute(scenario: Scenario, observer: Observer | None = None, progress: Show
         start = time.perf_counter()
         trajectory, error = scenario.simulated(_watched(scenario, observer, progress, 0.0, scenario.name))
         trajectory, summary, limits = judged_summary(scenario.experiment, trajectory, time.perf_counter() - start)
-        others: dict[str, Trajectory] = {}
-        if error is None and trajectory.outcome is Outcome.COMPLETED:
-            others = _comparisons(scenario, summary, progress)  # beside a failed run they would show nothing
+        # Beside a failed run, comparisons would show nothing.
+        succeeded = error is None and trajectory.outcome is Outcome.COMPLETED
+        others = _comparisons(scenario, summary, progress) if succeeded else {}
     return Result(trajectory, summary, error, others, limits)
 
 

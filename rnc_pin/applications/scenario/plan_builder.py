@@ -310,7 +310,6 @@ def planned_path(found: optimal.MotionPlan, reduced: ReducedModel, frame: str) -
     pieces = [model.step(start, found.u, h * part / parts).q for part in range(parts)]
     q = np.concatenate([np.stack(pieces, axis=1).reshape(-1, found.q.shape[1]), found.q[-1:]])
     poses, heights = frame_poses(reduced.robot, frame, q)
-    rows = np.round(poses, 5).tolist()
     on_ground = reduced.robot.model.joints[1].shortname() == "JointModelPlanar"  # drawn on the ground, not at a height
     kept = () if on_ground else tuple(np.round(heights, 5).tolist())
-    return PlannedPath(frame, tuple((x, y, heading) for x, y, heading in rows), kept)
+    return PlannedPath(frame, tuple((x, y, heading) for x, y, heading in np.round(poses, 5).tolist()), kept)

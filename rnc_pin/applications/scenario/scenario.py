@@ -327,13 +327,11 @@ class Scenario(SummaryMixin):
         content = self.content
         controller = "none" if content.controller is None else content.controller.type
         settings = content.simulation
-        time = (
-            "none" if settings is None else f"{settings.duration} s, dt {settings.dt:g} s".replace("plan s", "its plan")
-        )
+        time = "none" if settings is None else f"{settings.duration} s, dt {settings.dt:g} s"
         title = f"Scenario '{self.name}'" + (f": {content.title}" if content.title else "")
         said = content.robot.urdf or content.robot.mjcf or content.robot.example
-        lines = [("robot", items([str(said)])), ("controller", items([controller])), ("simulation", items([time]))]
-        lines.append(("keys", items(list(self.raw))))
+        lines = [("robot", items([str(said)])), ("controller", items([controller]))]
+        lines += [("simulation", items([time.replace("plan s", "its plan")])), ("keys", items(list(self.raw)))]
         return ObjectSummary(title, lines)
 
 

@@ -531,8 +531,7 @@ def write_reports(results: SweepResults) -> None:
     if not len(results):
         return
     with atomic_file(results.path / "sweep.json") as partial:
-        content = {"scenario": results.of, **sweep_statistics(results)}
-        partial.write_text(dump_json(content) + "\n", encoding="utf-8")
+        partial.write_text(dump_json({"scenario": results.of, **sweep_statistics(results)}) + "\n", encoding="utf-8")
     lines = [f"{line}\n" for row in results.failures() for line in failure_lines(results, row)]
     if lines:
         with atomic_file(results.path / "failures.txt") as partial:

@@ -252,9 +252,8 @@ def _from_workers(runs: Runs, numbered: Iterator[Numbered], jobs: int | str, sta
         parent, count = os.getpid(), jobs
     work = _Work(pickled, hashlib.sha256(pickled).hexdigest(), (__version__, kernel), parent)
     try:
-        found: Rows = Parallel(count, return_as="generator_unordered", max_nbytes=None)(
-            delayed(worker_row)(work, *each) for each in numbered
-        )
+        tasks = (delayed(worker_row)(work, *each) for each in numbered)
+        found: Rows = Parallel(count, return_as="generator_unordered", max_nbytes=None)(tasks)
     except TimeoutError:
         raise ConfigurationError(f"--scheduler {jobs}: it has no workers") from None
     return found

@@ -177,8 +177,7 @@ class StateFeedbackSettings(ControllerSettings):
         reference = Joined([followed for followed, _ in given]) if given else None
         # Both: the equilibrium may be far from the start, and the run begins at the start.
         near = near_singular("start", reduced, np.stack([context.q0, found.q]))
-        complaints = refuse_or_warn(context.preflight, near)
-        return BuiltController(StateFeedback(linear, K, reference, names), complaints)
+        return BuiltController(StateFeedback(linear, K, reference, names), refuse_or_warn(context.preflight, near))
 
 
 class PlanFeedbackSettings(ControllerSettings):

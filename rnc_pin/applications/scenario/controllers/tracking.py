@@ -286,9 +286,8 @@ class ReducingOutputsSettings(VelocityTrackerSettings):
     def _build(self, context: ControllerContext) -> BuiltController:
         task = context.task
         # The controller wants the order of x2, and roles divide it.
-        reference = _Reordered(
-            Joined([context.primary, context.redundant]), np.argsort(np.concatenate([task.primary, task.redundant]))
-        )
+        order = np.argsort(np.concatenate([task.primary, task.redundant]))
+        reference = _Reordered(Joined([context.primary, context.redundant]), order)
         k2 = sized_gain("k21", self.k21, task.r)
         own = {} if k2 is None else {"k2": k2}
         kinematic = control.ReducingOutputController(context.reduced, reference, **own, monitored=context.monitored)
@@ -330,5 +329,4 @@ class _Reordered:
         self.size, self.duration = reference.size, reference.duration
 
     def at(self, t: float) -> ReferencePoint:
-        point = self._reference.at(t)
-        return ReferencePoint(*(each[self._order] for each in point))
+        return ReferencePoint(*(each[self._order] for each in self._reference.at(t)))

@@ -276,5 +276,4 @@ class InverseDynamicsSettings(WholeBodySettings):
         # Each later step keeps a braking motion if the one before had one: the start has to have one.
         problem = program.braking_problem(0.0, context.q0, v2)
         unsafe = () if problem is None else (f"no braking motion from the start keeps all limits: {problem}",)
-        complaints = refuse_or_warn(context.preflight, unsafe)
-        return BuiltController(program, complaints)
+        return BuiltController(program, refuse_or_warn(context.preflight, unsafe))
