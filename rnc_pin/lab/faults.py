@@ -107,8 +107,7 @@ class FaultyPlant:
     def report(self) -> PlantReport:
         """Return the report of the plant, with the true state and the inputs within the limit of the actuators."""
         found = report_of(self.plant)
-        applied = self._applied if found.applied is None else found.applied
-        return found._replace(actual=self.actual(), applied=applied)
+        return found._replace(actual=self.actual(), applied=self._applied if found.applied is None else found.applied)
 
     # ------------------------------------------------------------------ sensors
 
@@ -138,10 +137,8 @@ class FaultyPlant:
         step = 2.0 * np.pi / self.faults.counts
         neutral = pin.neutral(self.model)
         # From neutral and in the tangent space, so that quaternions keep unit length.
-        quantized: np.ndarray = pin.integrate(
-            self.model, neutral, step * np.round(pin.difference(self.model, neutral, q) / step)
-        )
-        return quantized
+        steps = np.round(pin.difference(self.model, neutral, q) / step)
+        return np.asarray(pin.integrate(self.model, neutral, step * steps))
 
     # ------------------------------------------------------------------ actuators
 

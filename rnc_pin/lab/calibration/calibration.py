@@ -308,8 +308,7 @@ def _precision(
     fit: Fit, parameters: Sequence[UnknownNumber], scales: np.ndarray, correlation: float, resolution: float
 ) -> tuple[np.ndarray, tuple[tuple[str, float], ...]]:
     """Covariance (P, P), and combinations with their standard deviations; refuse one that the log does not show."""
-    _, J = fit.scaled()
-    scaled = J * scales
+    scaled = fit.scaled()[1] * scales
     _, values, vectors = np.linalg.svd(scaled, full_matrices=False)
     # As in numpy.linalg.matrix_rank: a singular value below is zero up to rounding.
     rounding = len(scaled) * np.finfo(float).eps * max(values.max(initial=0.0), 1.0)
@@ -345,8 +344,7 @@ def calibrated(
         for virtual, share in each.displaced.items():
             place, by = model.jointPlacements[robot.joint_id(virtual.joint)], share * (value - each.nominal)
             shift = np.eye(3)["xyz".index(virtual.axis)] * by
-            place = pin.SE3(place.rotation, place.translation + shift)
-            model.jointPlacements[robot.joint_id(virtual.joint)] = place
+            model.jointPlacements[robot.joint_id(virtual.joint)] = pin.SE3(place.rotation, place.translation + shift)
         if isinstance(kind, SensorPlace):
             frame = model.frames[robot.frame_id(sensor)]
             frame.placement = _moved(frame.placement, kind.axis, float(value))
@@ -504,8 +502,7 @@ def _replay(motion: RollingMotion, problem: PoseProblem, slip: Mapping[str, tupl
     heading = measured[:, 2] + fit.residuals[:, 2]
     sensor = plane(problem.measured[chosen.samples]) + plane(fit.residuals)
     predicted = joined(sensor - np.exp(1j * heading) * complex(*motion.mount[:2]), heading)
-    q = motion.with_base(motion.configurations(times), predicted)
-    return Replay(times, measured, predicted, q, slip)
+    return Replay(times, measured, predicted, motion.with_base(motion.configurations(times), predicted), slip)
 
 
 def _slip(motion: RollingMotion, problem: PoseProblem) -> tuple[np.ndarray, dict[str, np.ndarray]]:

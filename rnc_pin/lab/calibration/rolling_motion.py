@@ -128,10 +128,8 @@ class RollingMotion:
         # The joint with most samples gives the steps: others are interpolated, so no sample of it is lost.
         finest = max(channels, key=lambda channel: len(channel.time))
         start, end = max(each.time[0] for each in channels), min(each.time[-1] for each in channels)
-        inside = (finest.time >= start) & (finest.time <= end)
-        time = finest.time[inside]
-        whole = np.all([np.isfinite(each.at(time)).all(axis=1) for each in channels], axis=0)
-        self.time = time[whole]
+        time = finest.time[(finest.time >= start) & (finest.time <= end)]
+        self.time = time[np.all([np.isfinite(each.at(time)).all(axis=1) for each in channels], axis=0)]
         if len(self.time) < 3:
             raise ConfigurationError("the joints of the log have no common time")
         longest = 5.0  # intervals longer than so many usual ones end a window
@@ -146,13 +144,8 @@ class RollingMotion:
             p: parameters (P,).
             times: stamps of the sensor (M,) [s].
         """
-        late = [
-            k
-            for k, one in enumerate(self.parameters)
-            if isinstance(one.kind, unknowns.TimeShift) and one.kind.of is None
-        ]
-        path = RolledPath(self.time, *self._steps(p), len(p))
-        base = path.at(times - sum(p[k] for k in late))
+        late = [k for k, one in enumerate(self.parameters) if one.kind == unknowns.TimeShift()]
+        base = RolledPath(self.time, *self._steps(p), len(p)).at(times - sum(p[k] for k in late))
         # Places that are no parameters stay as in the file.
         mount = self.mount.copy()
         places = [(k, ("x", "y", "yaw").index(each.kind.axis)) for k, each in enumerate(self.parameters)
@@ -231,8 +224,7 @@ class RollingMotion:
         slip = np.matvec(A[:, :, :3], joined(half, turn)) + np.matvec(A[:, :, size:], moved)
         others = A[:, :, 3:size]
         if others.shape[2]:
-            inverse = np.linalg.pinv(others)
-            slip = slip - np.matvec(others, np.matvec(inverse, np.nan_to_num(slip)))
+            slip = slip - np.matvec(others, np.matvec(np.linalg.pinv(others), np.nan_to_num(slip)))
         return (self.time[1:] + self.time[:-1]) / 2, slip
 
     def _steps(self, p: np.ndarray) -> tuple[np.ndarray, dict[int, np.ndarray]]:
@@ -328,8 +320,7 @@ class _Solution:
         if (pivots <= singular * normal.diagonal(axis1=1, axis2=2)).any():
             raise InfeasibleError("the rows do not determine the motion of the base at each measured position")
         self._inverse = np.linalg.inv(normal)
-        free = self._solved(np.matvec(self._driven, changes))
-        self.whole = np.concatenate([free, changes], axis=1)
+        self.whole = np.concatenate([self._solved(np.matvec(self._driven, changes)), changes], axis=1)
         self._residual = np.matvec(A, self.whole)
 
     def _solved(self, driven: np.ndarray) -> np.ndarray:
@@ -338,9 +329,8 @@ class _Solution:
 
     def effect_of_rows(self, slope: np.ndarray) -> np.ndarray:
         """Derivative (N, s) of the motion for a derivative (N or 1, k, c) of the rows."""
-        size = self._left.shape[2]
         # Derivative of the normal equations: rows that contradict each other leave a residual, which turns with them.
-        by_residual = np.matvec(self._inverse, np.matvec(slope[:, :, :size].mT, self._residual))
+        by_residual = np.matvec(self._inverse, np.matvec(slope[:, :, : self._left.shape[2]].mT, self._residual))
         return self._solved(np.matvec(slope, self.whole)) - by_residual
 
     def effect_of_change(self, joint: int, rate: np.ndarray) -> np.ndarray:

@@ -245,13 +245,11 @@ class RowGeometry:
         return self._slope(block, place, np.eye(self._robot.nv)[column])
 
     def _slope(self, block: _Block, place: PositionKinematics, direction: np.ndarray) -> np.ndarray:
-        rate = np.broadcast_to(direction, (len(place.q), self._robot.nv))
-        return block.rows.jacobian_dot(place.with_velocity(rate))
+        return block.rows.jacobian_dot(place.with_velocity(np.broadcast_to(direction, (len(place.q), self._robot.nv))))
 
     def _configurations(self, positions: np.ndarray) -> np.ndarray:
         """Configurations (N, nq) of positions (N, n) of single joints, with the base at its origin."""
-        model = self._robot.model
-        q = np.tile(pin.neutral(model), (len(positions), 1))
+        q = np.tile(pin.neutral(self._robot.model), (len(positions), 1))
         for column, joint in self._single.items():
             joint.put(q, positions[:, column])
         return q
@@ -417,11 +415,8 @@ class JointShift:
             ConfigurationError: no joint, or a share that is zero or not finite.
         """
         shares = {self.joints: 1.0} if isinstance(self.joints, str) else self.joints
-        if (
-            not isinstance(shares, Mapping)
-            or not shares
-            or not all(np.isfinite(each) and each for each in shares.values())
-        ):
+        valid = isinstance(shares, Mapping) and shares and all(np.isfinite(each) and each for each in shares.values())
+        if not valid:
             raise ConfigurationError(f"place of joints: expected a joint, or joints with shares, found {shares!r}")
         return shares
 

@@ -126,8 +126,7 @@ class Windows:
         Args:
             values: a value for each sample (M, ...).
         """
-        starts = np.flatnonzero(np.diff(self.number, prepend=-1))
-        return np.add.reduceat(values, starts, axis=0)
+        return np.add.reduceat(values, np.flatnonzero(np.diff(self.number, prepend=-1)), axis=0)
 
 
 @dataclass

@@ -148,8 +148,7 @@ class ContactPlant:
         """Units of ``contact_forces``, by name."""
         if self._sliding is None:
             return {}
-        layout = self._rows.layout(frozenset(range(len(self._contacts))), joints=False)
-        return dict.fromkeys(layout.names, "N")
+        return dict.fromkeys(self._rows.layout(frozenset(range(len(self._contacts))), joints=False).names, "N")
 
     def report(self) -> PlantReport:
         """Return inputs, work, model, forces, contacts and errors.
@@ -187,9 +186,8 @@ class ContactPlant:
         self._size = radius_of_gyration(self.reduced.robot.model, self.read()[0])
         if self._sliding is not None:
             self._sliding.restart(self._size)
-        gaps = self._gaps(self._flight.state)
         inside = 2e-4  # depth over the radius of gyration that the digits of an initial configuration explain
-        for each, gap in zip(self._contacts, gaps, strict=True):
+        for each, gap in zip(self._contacts, self._gaps(self._flight.state), strict=True):
             if gap < -inside * self._size:
                 raise InputError(f"contact '{each.name}' starts {-gap:.3g} m below the ground")
         self._land("start")

@@ -100,8 +100,7 @@ class FrictionImpulses:
         """
         G, normals = self._G, self._normals
         p = self.solve()
-        held = self._held([row for row in normals if p[row] > 0.0])
-        first = self._stopping(held)
+        first = self._stopping(self._held([row for row in normals if p[row] > 0.0]))
         y = self._b + G @ first
         rates, stopped = y[normals], self._b + G @ p
         coefficients = np.where(p[normals] > 0.0, restitution, 0.0)

@@ -215,8 +215,7 @@ class SlidingPlant:
         """
         last, self._steps = trial.last, self._steps + 1
         self._sum = self._sum + np.where(trial.errors < np.inf, trial.errors, 0.0)
-        before = self._now.sliding
-        self._now = self._present = last._replace(sliding=before, work=self._now.work + last.work)
+        self._now = self._present = last._replace(sliding=self._now.sliding, work=self._now.work + last.work)
         self._project()
         at = self.state.position
         touches = 1e-8  # gap without contact force, over the radius of gyration, up to which a contact still touches
@@ -255,14 +254,12 @@ class SlidingPlant:
                     return _Trial(last, np.full(2 * nv, np.inf))
             row = [np.concatenate([pin.difference(self._model, q, last.q), last.v, [last.work]])]
             for column, before in enumerate(() if plain else table):
-                weight = count / (count - column - 1) - 1.0
-                row.append(row[-1] + (row[-1] - before) / weight)
+                row.append(row[-1] + (row[-1] - before) / (count / (count - column - 1) - 1.0))
             if table:
                 errors = np.abs(row[-1] - (table if plain else row[:-1])[-1])[: 2 * nv]
-                if longest and count > 2 and errors.max() <= allowed:
-                    table = row
-                    break
             table = row
+            if longest and count > 2 and errors.max() <= allowed:
+                break
         if not plain:
             found = table[-1]
             last = last._replace(q=pin.integrate(self._model, q, found[:nv]), v=found[nv:-1], work=float(found[-1]))
@@ -323,9 +320,7 @@ class SlidingPlant:
 
     def _project(self) -> None:
         """Remove the drift of contacts that push, or are below the ground, and of holonomic rows of the system."""
-        q = self._now.q
-        if self.reduced.assembly.size:
-            q = self.reduced.assembly.project(q)
+        q = self.reduced.assembly.project(self._now.q) if self.reduced.assembly.size else self._now.q
         state = self.reduced.at(q, v=self._now.v)
         at = state.position
         rows = [(each.jacobian(at), each.gap(at)) for i in sorted(self.touching) for each in [self._contacts[i]]
@@ -334,8 +329,7 @@ class SlidingPlant:
             J, gaps = np.array([row for row, _ in rows]), np.array([gap for _, gap in rows])
             W = responses(state, state.M, J)
             # The shortest step in the metric of the inertia, which the constraints of the system allow.
-            step = W @ np.linalg.lstsq(J @ W, gaps, rcond=1e-10)[0]
-            q = pin.integrate(self._model, q, -step)
+            q = pin.integrate(self._model, q, -(W @ np.linalg.lstsq(J @ W, gaps, rcond=1e-10)[0]))
         self._now = self._present = self._now._replace(q=q)
 
 

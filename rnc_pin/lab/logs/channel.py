@@ -201,8 +201,7 @@ class Channel:
     def __post_init__(self) -> None:
         check_known(self.quantity, QUANTITIES, "quantity")
         time, values = np.asarray(self.time, dtype=float), np.asarray(self.values, dtype=float)
-        sizes = {"position": 1, "velocity": 1, "effort": 1, "pose": 7}  # numbers of a sample
-        size = sizes[self.quantity]
+        size = 7 if self.quantity == "pose" else 1  # numbers of a sample
         if time.ndim != 1 or values.shape != (len(time), size):
             raise InputError(f"{self.name}: {time.shape} stamps with values {values.shape}, expected (N,), (N, {size})")
         if not np.isfinite(time).all():

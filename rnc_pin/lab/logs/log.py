@@ -260,8 +260,7 @@ def read_table(path: Path, mapping: LogMapping) -> list[Channel]:
         raise ConfigurationError(f"{path}: its mapping names no column of a joint or a frame")
     # Each column once, also one that two channels share.
     places = list(dict.fromkeys([mapping.time.column, *(column.column for column in chosen)]))
-    archive = path.suffix.lower() == ".npz"
-    read = _read_archive(path, places) if archive else _read_text(path, mapping, places)
+    read = _read_archive(path, places) if path.suffix.lower() == ".npz" else _read_text(path, mapping, places)
     numbers = dict(zip(places, read, strict=True))
     time = numbers[mapping.time.column] * mapping.time.scale + mapping.time.offset
     return [*_channels(path, mapping, time, numbers)]
@@ -321,8 +320,8 @@ def _channels(path: Path, mapping: LogMapping, time: Array, numbers: Mapping[Pla
 
 
 def _read_text(path: Path, mapping: LogMapping, places: Sequence[Place]) -> list[Array]:
-    separators = {"comma": ",", "semicolon": ";", "tab": "\t", "space": None}  # None is any number of blanks
-    separator = separators[mapping.separator]
+    # None is any number of blanks.
+    separator = {"comma": ",", "semicolon": ";", "tab": "\t", "space": None}[mapping.separator]
     header = any(isinstance(place, str) for place in places) if mapping.header is None else mapping.header
     try:
         # Without the byte order mark that spreadsheets write.
@@ -330,8 +329,7 @@ def _read_text(path: Path, mapping: LogMapping, places: Sequence[Place]) -> list
             # Lazily: a table may be larger than the memory that its numbers need.
             lines = (line for line in file if line.strip() and not line.lstrip().startswith(mapping.comment))
             names = _split(next(lines, ""), separator) if header else []
-            wanted = [_number(path, place, names) for place in places]
-            return _numbers(path, lines, separator, mapping.comment, wanted)
+            return _numbers(path, lines, separator, mapping.comment, [_number(path, place, names) for place in places])
     except UnicodeDecodeError as error:
         raise ConfigurationError(f"{path}: not a text file: {error.reason} at byte {error.start}") from None
     except OSError as error:

@@ -103,10 +103,8 @@ class BodyTree:
 
     def _add_single(self, body: mujoco.MjsBody, single: _Single, joint: pin.JointModel, number: int, name: str) -> None:
         added = _move(body, name, single.slides, single.axis)
-        q, v = joint.idx_q, joint.idx_v + number
         # Joints of a composite have places of their own in q: some have two entries.
-        if number:
-            q = joint.extract().joints[number].idx_q
+        q, v = joint.extract().joints[number].idx_q if number else joint.idx_q, joint.idx_v + number
         kind = joint_coordinates.ContinuousHinge if single.continuous else joint_coordinates.EqualCoordinates
         self._planned.append((name, partial(kind, name, q, v, 1)))
         if self._limits and not single.continuous:

@@ -257,8 +257,7 @@ def on_one_plane(
     pin.forwardKinematics(robot.model, data, q)
     up = plane.axes[2]
     low = {each.name: plane.height(each.at(data.oMi[each.joint], up)[1]) for each in contacts if not each.blade}
-    wheels = list(low.values()) or [plane.height(each.at(data.oMi[each.joint], up)[0]) for each in contacts]
-    ground = min(wheels)
+    ground = min(list(low.values()) or [plane.height(each.at(data.oMi[each.joint], up)[0]) for each in contacts])
     found = []
     point_radius = 1e-3  # of the ball that models a contact point [m]
     for each in contacts:
@@ -358,16 +357,10 @@ def choose_support(
 def _stays_upright(robot: Robot, data: pin.Data, columns: Array, contact: ContactBody) -> bool:
     """Return True if only joints with vertical axes lie between the base and the body that carries a wheel."""
     model, joint = robot.model, contact.joint
-    axle = None if contact.axle is None else data.oMi[joint].rotation @ contact.axle
+    axle = None if contact.axle is None or contact.drawn else data.oMi[joint].rotation @ contact.axle
     while joint > 1:
-        index = model.joints[joint].idx_v
-        axis = columns[3:, index]
-        own = (
-            joint == contact.joint
-            and axle is not None
-            and not contact.drawn
-            and abs(axis @ axle) > 1 - _LEVEL_TOLERANCE
-        )
+        axis = columns[3:, model.joints[joint].idx_v]
+        own = joint == contact.joint and axle is not None and abs(axis @ axle) > 1 - _LEVEL_TOLERANCE
         if model.joints[joint].nv != 1 or not (own or abs(axis[2]) > 1 - _LEVEL_TOLERANCE):
             return False
         joint = model.parents[joint]
@@ -396,5 +389,4 @@ def _outriggers(points: Array) -> Array | None:
 
 def _support(base: pin.SE3, number: int, at: Array, ground: float) -> ContactBody:
     radius = 0.02  # of added casters [m]
-    center = base.actInv(np.array([*at, ground + radius]))
-    return ContactBody(f"caster[{number}]", 1, center, None, radius, "none")
+    return ContactBody(f"caster[{number}]", 1, base.actInv(np.array([*at, ground + radius])), None, radius, "none")

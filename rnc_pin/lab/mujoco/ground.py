@@ -103,8 +103,7 @@ def _pair(spec: mujoco.MjSpec, contact: ContactBody, settings: MuJoCoSettings) -
 
 def _turned_to(axis: np.ndarray) -> np.ndarray:
     """Return the quaternion (w, x, y, z) that rotates z to an axis."""
-    turn = pin.Quaternion.FromTwoVectors(_UP, axis / np.linalg.norm(axis))
-    return scalar_first(turn.coeffs())
+    return scalar_first(pin.Quaternion.FromTwoVectors(_UP, axis / np.linalg.norm(axis)).coeffs())
 
 
 class Ground:
@@ -194,9 +193,8 @@ class Ground:
         # Negative: MuJoCo reads a damping, and no time constant.
         self._softness[:, 1] = -_IMPEDANCE * rate
         model.pair_solreffriction[self._pairs] = self._softness
-        if not drive_forces.any() and not self._along.any():
-            return
-        self._drive(drive_forces, normal, tangential[:, 1])
+        if drive_forces.any() or self._along.any():
+            self._drive(drive_forces, normal, tangential[:, 1])
 
     def _drive(self, drive_forces: np.ndarray, normal: np.ndarray, across: np.ndarray) -> None:
         """Apply drive forces along headings; they reduce the lateral friction limit (friction circle)."""

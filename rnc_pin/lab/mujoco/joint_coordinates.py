@@ -208,8 +208,7 @@ class FreePlanarBase(BaseCoordinates):
         forward = rotation[:, 0]
         rate = np.cross(rotation @ mujoco.v[self.dof + 3 : self.dof + 6], forward)
         # The heading is the direction of the body's x axis along the ground, also of a body that leans.
-        turn = (forward[0] * rate[1] - forward[1] * rate[0]) / (forward[0] ** 2 + forward[1] ** 2)
-        pinocchio.v[self.v + 2] = turn
+        pinocchio.v[self.v + 2] = (forward[0] * rate[1] - forward[1] * rate[0]) / (forward[0] ** 2 + forward[1] ** 2)
 
     def velocity_map(self, qpos: np.ndarray) -> np.ndarray:
         rotation, placed = _pose(qpos).rotation, self.placement.rotation

@@ -142,8 +142,7 @@ class MuJoCoPlant:
         elif self.stance == "level":
             self.data.qpos[self.model.joint(f"{self._reduced.robot.joint_names[0]}/z").qposadr[0]] = self._lift
         # At rest first: contacts that come to their load in motion would push the robot off its path.
-        rest = np.zeros_like(v)
-        self._joints.write(q, rest, self.data.qpos, self.data.qvel)
+        self._joints.write(q, np.zeros_like(v), self.data.qpos, self.data.qvel)
         for equality in self._equalities:
             equality.set(self.model, self.data.qpos, fresh=True)
         self._ground.reset()
@@ -195,12 +194,11 @@ class MuJoCoPlant:
                 self._step(force, drive_forces)
 
     def _step(self, force: np.ndarray, drive_forces: np.ndarray) -> None:
-        applied = self.data.qfrc_applied
-        applied[:] = 0.0
+        self.data.qfrc_applied[:] = 0.0
         if self._reduced.reduction_data.forces:
             q, v = self.read()
             force = force + self._reduced.at(q, v=v).passive_force
-        self._joints.add_force(self.data.qpos, force, applied)
+        self._joints.add_force(self.data.qpos, force, self.data.qfrc_applied)
         self._ground.prepare(drive_forces)
         for equality in self._equalities:
             equality.set(self.model, self.data.qpos, fresh=False)
@@ -313,8 +311,8 @@ class ActuatorMapping:
         self._direct = np.setdiff1d(np.arange(reduced.p), wheeled)
         fixed = self._actuation.constant
         if fixed is None and set(wheeled) == self._actuation.configured:
-            at = self._kinematics.position(q)  # the other actuators act on joints
-            fixed = self._actuation.matrix(at) if wheeled else None
+            # The other actuators act on joints.
+            fixed = self._actuation.matrix(self._kinematics.position(q)) if wheeled else None
         self._constant = None if fixed is None else fixed[:, self._direct].copy()
 
     def wheel_forces(self, q: np.ndarray, T: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -361,9 +359,8 @@ class ActuatorMapping:
     def _effects(self, q: np.ndarray, used: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
         """Effects on admissible motion of unit inputs (r, p), and of unit torques of drives (r, k), else zero."""
         at = self._kinematics.position(q)
-        rows = self._rows.jacobian(at)
         # Only the effect on admissible motion counts: the rest of a force is carried by the constraints.
-        basis = null_space(rows, _RANK_TOLERANCE).T
+        basis = null_space(self._rows.jacobian(at), _RANK_TOLERANCE).T
         pin.computeJointJacobians(self._robot.model, self._data, q)
         forces = np.zeros((self._robot.nv, len(self._drives)))
         for drive in used:
