@@ -248,8 +248,7 @@ class NamedModel:
                 entries = [(each, "m" if each in "xyz" else "-") for each in coordinates[joint.shortname()]]
             else:
                 # Only with equal numbers do entries of q belong to entries of v.
-                units_known = own if joint.nq == joint.nv else ["-"] * joint.nq
-                entries = [(str(k), unit) for k, unit in enumerate(units_known)]
+                entries = [(str(k), unit) for k, unit in enumerate(own if joint.nq == joint.nv else ["-"] * joint.nq)]
             found += [(f"{name}[{entry}]", unit) for entry, unit in entries]
         return tuple(found)
 

@@ -227,9 +227,7 @@ def remedy(joints: Sequence[Massless]) -> str:
     Args:
         joints: joints that need masses.
     """
-    masses: dict[str, float] = {}
-    for each in joints:
-        masses |= each.masses
+    masses = {link: mass for each in joints for link, mass in each.masses.items()}
     if not masses:
         return "give the links behind it an inertia"
     several = f"link '{next(iter(masses))}' a mass" if len(masses) == 1 else f"{len(masses)} links masses"
@@ -281,8 +279,7 @@ def _massless(
     shaped = tuple(link for link in known if bodies[link].shaped)
     wrong = [] if is_wrong is None else [link for link in known if is_wrong(bodies[link])]
     # One mass repairs the body: of a faulty link, else of one with geometry, which has a plausible size.
-    chosen = wrong or list(shaped[:1]) or known[:1]
-    masses = {link: _mass(bodies[link]) for link in chosen}
+    masses = {link: _mass(bodies[link]) for link in wrong or shaped[:1] or known[:1]}
     return Massless(model.names[joint], idle, shaped, masses, message)
 
 

@@ -250,8 +250,7 @@ class Robot(NamedModel, SummaryMixin):
         # The mounted robot moves with its carrier: a loop with the world of its own file no longer holds.
         robot.closures = (*self.closures, *(each for each in other.closures if "universe" not in each[:2]))
         if len(robot.closures) < len(self.closures) + len(other.closures):
-            text = f"robot '{other.name}': its loop closures with the world are omitted, because it is mounted"
-            warn(text)
+            warn(f"robot '{other.name}': its loop closures with the world are omitted, because it is mounted")
         robot.references = {**self.references, **other.references}
         robot.locked = {**self.locked, **other.locked}
         # Of packages with one name, this robot's folder counts, as its gravity does.
@@ -389,8 +388,7 @@ def locked_model(
     found, shapes = _built(pin.buildReducedModel, [model], [geometry], joints, named.configuration(lock))
     for name, joint in zip(lock, joints, strict=True):
         # Pinocchio gives the frame of a locked joint the inertia of all links that the joint moved.
-        frame = found.frames[found.getFrameId(name, pin.FrameType.FIXED_JOINT)]
-        frame.inertia = _moved_link(model, joint)
+        found.frames[found.getFrameId(name, pin.FrameType.FIXED_JOINT)].inertia = _moved_link(model, joint)
     return found, shapes
 
 
@@ -497,8 +495,7 @@ def with_link_masses(model: pin.Model, masses: Mapping[str, LinkMass], robot: st
         whole = np.array(changed.inertias[joint].toDynamicParameters())
         # A single link is scaled exactly, without the rounding errors of a sum and a difference.
         alone = np.abs(whole - old).max() <= _ROUNDING * np.abs(whole).max()
-        total = parameters if alone else whole + parameters - old
-        changed.inertias[joint] = pin.Inertia.FromDynamicParameters(total)
+        changed.inertias[joint] = pin.Inertia.FromDynamicParameters(parameters if alone else whole + parameters - old)
         # The record has to follow the sum, or the next change of a mass would start from the old one.
         if keeper is not None:
             keeper.inertia = keeper.placement.actInv(pin.Inertia.FromDynamicParameters(parameters))
@@ -516,9 +513,8 @@ def _keeper(model: pin.Model, index: int) -> pin.Frame | None:
         return frame
     if frames[frame.parentFrame].type == pin.FrameType.FIXED_JOINT:
         return frames[frame.parentFrame]
-    bodies = [
-        (k, each) for k, each in enumerate(frames) if (each.type, each.parentJoint) == (frame.type, frame.parentJoint)
-    ]
+    kind = frame.type, frame.parentJoint
+    bodies = [(k, each) for k, each in enumerate(frames) if (each.type, each.parentJoint) == kind]
     fixed = pin.FrameType.FIXED_JOINT
     first = next(k for k, each in bodies if not _weighs(each) and frames[each.parentFrame].type != fixed)
     return None if first == index else frame

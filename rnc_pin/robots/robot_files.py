@@ -45,8 +45,7 @@ def find_urdf(path: str | Path, beside: Path | None = None) -> Path:
     if path.is_absolute():
         raise ModelError(f"no URDF file '{path}'")
     shipped = sorted(each.stem for each in shipped_directory().glob("*.urdf"))
-    hint = nearest(path.stem, shipped, ".urdf")
-    raise ModelError(f"no URDF file '{path}'{hint}")
+    raise ModelError(f"no URDF file '{path}'{nearest(path.stem, shipped, '.urdf')}")
 
 
 def find_shipped(path: str, beside: Path) -> Path:

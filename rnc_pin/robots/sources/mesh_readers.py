@@ -134,9 +134,8 @@ def merged(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     rows = np.ascontiguousarray(points + 0.0)  # -0 and 0 are the same coordinate
     # Bytes of a row as one item: numpy.unique along an axis sorts each column.
-    _, first, inverse = np.unique(
-        rows.view(np.dtype((np.void, rows.itemsize * 3))), return_index=True, return_inverse=True
-    )
+    whole = rows.view(np.dtype((np.void, rows.itemsize * 3)))
+    _, first, inverse = np.unique(whole, return_index=True, return_inverse=True)
     return rows[first], inverse.ravel()
 
 
@@ -207,8 +206,7 @@ def convex_hull(points: ArrayLike, joggled: bool = False) -> Mesh:
     first, second, third = (corners[hull.simplices[:, k]] for k in range(3))
     # Qhull orders the corners of a facet in any sense; its plane points outward.
     inward = np.einsum("ki,ki->k", np.cross(second - first, third - first), hull.equations[:, :3]) < 0
-    simplices = np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices)
-    return checked_mesh(corners, simplices)
+    return checked_mesh(corners, np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices))
 
 
 def check_thickness(points: np.ndarray) -> None:
@@ -226,8 +224,7 @@ def check_thickness(points: np.ndarray) -> None:
     largest = np.abs(spread).max()
     if largest > 0:
         spread = spread / largest
-    axes = np.linalg.eigh(spread.T @ spread)[1]
-    extents = np.ptp(spread @ axes, axis=0)
+    extents = np.ptp(spread @ np.linalg.eigh(spread.T @ spread)[1], axis=0)
     flattest = 1e-6  # least thickness of points for a hull, relative to their largest extent
     if not extents.min() > flattest * extents.max():
         raise MeshError("its points are in a plane: a convex hull needs a volume")
@@ -435,9 +432,8 @@ class _ColladaScene:
         if id(stored) not in self._numbers:
             self._numbers[id(stored)] = numbers(stored.text)
         values = self._numbers[id(stored)]
-        count, stride, offset = (
-            int(accessor.get(key, default)) for key, default in (("count", ""), ("stride", "1"), ("offset", "0"))
-        )
+        usual = {"count": "", "stride": "1", "offset": "0"}
+        count, stride, offset = (int(accessor.get(key, default)) for key, default in usual.items())
         check_counts(count, 0)
         # Accessors share numbers: many of them together may still give too many points.
         self._read += count
@@ -445,8 +441,7 @@ class _ColladaScene:
         # NumPy would wrap negative places and read other points.
         if stride < 3 or offset < 0 or count < 1 or offset + stride * (count - 1) + 3 > len(values):
             raise MeshError(f"an accessor of {count:,} points in {len(values):,} numbers")
-        starts = offset + stride * np.arange(count)
-        return np.asarray(values[starts[:, None] + np.arange(3)])
+        return np.asarray(values[(offset + stride * np.arange(count))[:, None] + np.arange(3)])
 
 
 def _input(element: ElementTree.Element, semantic: str) -> ElementTree.Element:

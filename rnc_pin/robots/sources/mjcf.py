@@ -65,10 +65,9 @@ def read_mjcf(
         notes.append(f"{', '.join(sorted(ignored | nonlinear))} is left out of the model: add constraints for it")
     for note in [*built.notes, *notes]:
         warn(f"{path.name}: {note}")
-    geometry = MjcfGeometry(compiled, built, assets)
     return description.Description(
         built.model,
-        geometry,
+        MjcfGeometry(compiled, built, assets),
         mimics=coupled,
         folders=allowed.folders,
         closures=tuple(closures(compiled, built)),
@@ -135,9 +134,8 @@ def mimics(compiled: mujoco.MjModel, built: ModelBuilder) -> tuple[tuple[descrip
             continue
         # The equality is between displacements from the configuration of the file.
         rest, of_rest = (float(compiled.qpos0[compiled.jnt_qposadr[each]]) for each in (joint, of))
-        found.append(
-            description.Mimic(built.joint_name(joint), built.joint_name(of), ratio, offset + rest - ratio * of_rest)
-        )
+        names = built.joint_name(joint), built.joint_name(of)
+        found.append(description.Mimic(*names, ratio, offset + rest - ratio * of_rest))
     return tuple(found), others
 
 

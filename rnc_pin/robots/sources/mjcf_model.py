@@ -130,8 +130,7 @@ class ModelBuilder:
     def _own_joints(self, body: int) -> list[int]:
         """Joints of a body, without a free joint that the base replaces."""
         first, count = self._compiled.body_jntadr[body], self._compiled.body_jntnum[body]
-        joints = range(first, first + count)
-        return [k for k in joints if self._base is None or self._compiled.jnt_type[k] != FREE]
+        return [k for k in range(first, first + count) if self._base is None or self._compiled.jnt_type[k] != FREE]
 
     def _add_body(self, body: int) -> Carrier:
         compiled, model = self._compiled, self.model
@@ -322,9 +321,8 @@ class MeshAssets:
 
     def _read(self, name: str) -> Mesh:
         attributes = self._attributes[name]
-        mesh = (
-            mesh_formats.read_mesh(Path(attributes["file"])) if "file" in attributes else _inline_triangles(attributes)
-        )
+        file = attributes.get("file")
+        mesh = _inline_triangles(attributes) if file is None else mesh_formats.read_mesh(Path(file))
         if not _MOVED & set(attributes):
             return mesh
         place, turn = _numbers(attributes, "refpos", 3), _numbers(attributes, "refquat", 4)
@@ -421,9 +419,8 @@ class MjcfGeometry:
     def _add(self, compiled: mujoco.MjModel, k: int, built: ModelBuilder) -> None:
         body, mesh = compiled.geom_bodyid[k], int(compiled.geom_dataid[k])
         carrier = built.carriers[body]
-        name = (
-            compiled.geom(k).name or f"{'world' if body == 0 else carrier.name}Geom_{k - compiled.body_geomadr[body]}"
-        )
+        owner = "world" if body == 0 else carrier.name
+        name = compiled.geom(k).name or f"{owner}Geom_{k - compiled.body_geomadr[body]}"
         place = carrier.placement * pose(compiled.geom_pos[k], compiled.geom_quat[k])
         shape = coal.Sphere(1.0)
         is_mesh = compiled.geom_type[k] == _MESH

@@ -77,15 +77,13 @@ def read_urdf(
         notes += _snap(root)
     for note in notes:
         warn(f"{path.name}: {note}")
-    text = ElementTree.tostring(root, encoding="unicode")
-    model = _build(text, path, base)
-    bodies = bodies_of(root)
+    model = _build(ElementTree.tostring(root, encoding="unicode"), path, base)
     return description.Description(
         model,
         partial(meshes.geometry, model),
         meshes.lost,
         mimics,
-        bodies,
+        bodies_of(root),
         packages.found,
         packages.far,
         packages.folders,
@@ -199,9 +197,8 @@ def _check_unique(root: ElementTree.Element, path: Path) -> None:
         for each in root.findall(tag):
             first = seen.setdefault(each.get("name"), each)
             if first is not each:
-                both = [
-                    (getattr(one, "file", None), getattr(one, "line", 0)) for one in (first, each)
-                ]  # of a xacro file
+                # Elements of a xacro file have places.
+                both = [(getattr(one, "file", None), getattr(one, "line", 0)) for one in (first, each)]
                 places = [f"{file.name} line {line}" for file, line in both if file is not None]
                 where = f": in {' and in '.join(dict.fromkeys(places))}" if places else ""
                 raise ModelError(f"{path}: {tag} '{each.get('name')}' is not unique{where}")
@@ -299,6 +296,5 @@ def _mimics(root: ElementTree.Element, path: Path) -> tuple[description.Mimic, .
         mimics.append(description.Mimic(name, source, *factors))
     if strangers:
         more = f" (and {len(strangers) - 1} more)" if len(strangers) > 1 else ""
-        text = f"{path}: mimic of an invalid joint is ignored: {strangers[0]}{more}"
-        warn(text)
+        warn(f"{path}: mimic of an invalid joint is ignored: {strangers[0]}{more}")
     return tuple(mimics)

@@ -148,8 +148,7 @@ class Meshes:
         if faults:
             why = [f"{Path(name).name} ({fault})" for name, fault in faults.items()]
             parts.append(f"{_meshes(len(faults))} not readable: {few(why)}")
-        text = f"{self._path}: {'; '.join(parts)}; boxes of the inertia's size stand in"
-        warn(text)
+        warn(f"{self._path}: {'; '.join(parts)}; boxes of the inertia's size stand in")
 
     def _home(self, name: str, packages: robot_files.Packages) -> str:
         """Folder where a file is expected, or its package if that is not found, in words."""
@@ -184,8 +183,7 @@ def _stand_in(geometry: pin.GeometryModel, model: pin.Model, name: str, link: El
     index = model.getFrameId(name, pin.FrameType.BODY)
     frame = model.frames[index]
     shape = pin.GeometryObject(name + STAND_IN, frame.parentJoint, index, frame.placement * placement, coal.Box(*sides))
-    color = np.array([0.55, 0.6, 0.66, 0.75])
-    shape.meshColor = color
+    shape.meshColor = np.array([0.55, 0.6, 0.66, 0.75])
     geometry.addGeometryObject(shape)
 
 

@@ -103,8 +103,7 @@ class _Expander:
 
     def expand(self) -> Element:
         """Return the root element of the expanded file."""
-        scope = Scope(self._substitution.symbols, self._value)
-        return self._copy(read_document(self._path), ChainMap(), scope)
+        return self._copy(read_document(self._path), ChainMap(), Scope(self._substitution.symbols, self._value))
 
     def _text(self, text: str, scope: Scope) -> str:
         return str(self._value(text, scope))
@@ -133,8 +132,7 @@ class _Expander:
         # Elements count as steps too: macros that call macros many times are bounded.
         self._substitution.budget.spend(10)
         if child.tag.startswith(_PREFIX):
-            name = child.tag.removeprefix(_PREFIX)
-            self._elements.get(name, self._call)(child, target, macros, scope)
+            self._elements.get(child.tag.removeprefix(_PREFIX), self._call)(child, target, macros, scope)
         else:
             self._check_prefix(child.tag, target.tag, macros)
             target.append(self._copy(child, macros, scope))

@@ -442,8 +442,7 @@ class Substitution:
             raise ModelError(f"'{path}' is not YAML: {error}") from None
 
     def _warn(self, *words: Value, **_options: Value) -> str:
-        text = " ".join(map(str, words))
-        warn(f"{self.files[0].name}: {text[:300]}")
+        warn(f"{self.files[0].name}: {' '.join(map(str, words))[:300]}")
         return ""
 
 
