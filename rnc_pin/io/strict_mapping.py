@@ -126,10 +126,8 @@ class Strict(BaseModel):
             for key, value in raw.items():
                 if key not in cls.model_fields:
                     raise ValueError(f"'{key}' is not known{_hint(cls, str(key))}")
-                values = value if isinstance(value, list) else [value]
-                if any(isinstance(each, bool) for each in values) and not _takes(
-                    bool, cls.model_fields[key].annotation
-                ):
+                has_boolean = any(isinstance(each, bool) for each in (value if isinstance(value, list) else [value]))
+                if has_boolean and not _takes(bool, cls.model_fields[key].annotation):
                     raise ValueError(f"'{key}' takes no boolean, found {value!r}")
                 if _largest(value) > largest:
                     raise ValueError(f"'{key}' has {_largest(value):g}, largest magnitude is {largest:g}")

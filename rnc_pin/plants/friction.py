@@ -92,8 +92,7 @@ class DryFriction:
         # Speed that counts as rest, relative to the speed that friction removes in the step.
         rest = 1e-9
         at_rest = np.abs(speeds) <= rest * removable
-        opposing = np.where(at_rest, forces, -limits * np.sign(speeds))
-        a_dot = linear.inverse @ w_dot + modes @ opposing
+        a_dot = linear.inverse @ w_dot + modes @ np.where(at_rest, forces, -limits * np.sign(speeds))
 
         def speeds_at(t: float) -> Array:
             """Speeds (k,) after a time t while rows slide."""
@@ -219,8 +218,7 @@ class DissipativeStep:
         """State after one step, and the roughness, by NumPy."""
         limits = self.friction.limits
         if not len(limits):
-            state = self._dynamics.at(q, y)
-            linear, _ = self._linear(state, T)
+            linear, _ = self._linear(self._dynamics.at(q, y), T)
             return self._smooth(q, y, T, limits, limits > 0.0, linear, h)
         # A bound of two stops a row: the rest of the step then has no more events.
         events, remaining, roughness = 2 * len(limits), h, 0.0
@@ -232,8 +230,7 @@ class DissipativeStep:
             first = float(friction.stops.min())
             if events and remaining <= first < np.inf:  # a row comes to rest at the end of the step
                 y = self._stopped(state, y, friction.resting)
-                sliding = self._sliding_forces(friction)
-                q, y, _ = self._smooth(q, y, T, sliding, friction.resting, linear, remaining)
+                q, y, _ = self._smooth(q, y, T, self._sliding_forces(friction), friction.resting, linear, remaining)
                 return q, self._stopped(self._dynamics.at(q, y), y, friction.sticking), np.inf
             if events == 0 or first >= remaining:
                 y = self._stopped(state, y, friction.sticking)
@@ -309,8 +306,7 @@ class DissipativeStep:
         inverse = modes.T @ H
         flow = state.flow(T, damping)
         if damping is None:
-            rows = dynamics.integral_rows(state)
-            others = np.zeros((1 + len(rows) + dynamics.reduced.rheonomic, len(H)))
+            others = np.zeros((1 + len(dynamics.integral_rows(state)) + dynamics.reduced.rheonomic, len(H)))
             return LinearPart(modes, inverse, decay, R @ modes, others), flow.v2_dot
         force = state.B @ T - damping * state.v
         others = np.vstack(

@@ -244,8 +244,7 @@ class Geodesic(ReferenceSummary):
             triple = slice(place, place + 3)
             R0 = pin.exp3(first[triple])
             # In world axes: the velocity of the rotation is then the rate of s times this constant vector.
-            arc = pin.log3(pin.exp3(last[triple]) @ R0.T)
-            self._turns.append((triple, R0, arc))
+            self._turns.append((triple, R0, pin.log3(pin.exp3(last[triple]) @ R0.T)))
         self._share = MinimumJerk([0.0], [1.0], duration, begin)
         self.size, self.duration = self._whole.size, self._whole.duration
 
@@ -300,9 +299,8 @@ class RelativeMinimumJerk(RelativeReference):
             raise ConfigurationError("expected one of 'to' and 'by'")
 
     def from_start(self, start: Float[Array, " k"], coordinates: Coordinates) -> Reference:
-        goal = (
-            _sized(self.to, coordinates) if self.by is None else coordinates.moved(start, _sized(self.by, coordinates))
-        )
+        given = _sized(self.to if self.by is None else self.by, coordinates)
+        goal = given if self.by is None else coordinates.moved(start, given)
         # Rotation vectors that change entry by entry would turn about an axis that moves.
         if coordinates.rotations:
             return Geodesic(start, goal, self.duration, coordinates, self.begin)

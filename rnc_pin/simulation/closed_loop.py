@@ -171,9 +171,8 @@ def free_motion(
     lift_off = LiftOffMonitor(model, model) if stop.lift_off else None
     feedback = inputs if callable(inputs) else None
     # Clipped once, and not at each stage of the integrator.
-    constant = dynamics.saturate(
-        np.zeros(model.p) if inputs is None or callable(inputs) else numbers_of(inputs, "inputs")
-    )
+    given = np.zeros(model.p) if inputs is None or callable(inputs) else numbers_of(inputs, "inputs")
+    constant = dynamics.saturate(given)
 
     def inputs_at(t: float, state: StateEvaluation) -> np.ndarray:
         if feedback is None:

@@ -99,10 +99,8 @@ def columns_of(outputs: OutputStack) -> run_info.Columns:
     """
     # Units of outputs that are rates: a run has the integrals of quasi-velocities.
     units = tuple(unit.removesuffix("/s") for unit in outputs.units)
-    angular, rotations = outputs.angular.tolist(), outputs.coordinates.rotations
-    return run_info.Columns(
-        tuple(outputs.names), units, tuple(angular), tuple(rotations), tuple(outputs.quasi.tolist())
-    )
+    angular, quasi = (tuple(each.tolist()) for each in (outputs.angular, outputs.quasi))
+    return run_info.Columns(tuple(outputs.names), units, angular, tuple(outputs.coordinates.rotations), quasi)
 
 
 def versions() -> dict[str, str]:
@@ -118,8 +116,7 @@ def versions() -> dict[str, str]:
 def _names(record: Record, forces: _Forces) -> run_info.OutputNames:
     """Names and units of the columns of all arrays."""
     # A plant may have rows that the controller does not know; their units come from it.
-    models = [record.reduced, *record.plant_models]
-    own = [output_names(model) for model in dict.fromkeys(models)]
+    own = [output_names(model) for model in dict.fromkeys([record.reduced, *record.plant_models])]
     units = {
         name: unit for each in own for name, unit in zip(each.contact_forces, each.contact_forces_units, strict=True)
     }
@@ -361,8 +358,7 @@ def ground_bodies(reduced: ReducedModel) -> tuple[GroundBody, ...]:
         # Both or none: a wheel that lies flat at one of them has no point to compare.
         contacts = [_contact(mechanism, robot, position) for position in (here, there)]
         if contacts[0] is not None and contacts[1] is not None:
-            joint = _carrier(model, here, contacts[0])
-            found.setdefault(joint, []).append((contacts[0], contacts[1]))
+            found.setdefault(_carrier(model, here, contacts[0]), []).append((contacts[0], contacts[1]))
     return tuple(_body(robot, joint, found[joint], here, there) for joint in sorted(found))
 
 

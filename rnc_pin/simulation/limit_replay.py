@@ -140,9 +140,8 @@ class LimitReplay:
             obstacle: True for pairs of a link and an obstacle; False for pairs of links, without those whose distance
                 does not change during the run.
         """
-        return next(
-            (each for each in self.clearances if each.obstacle is obstacle and (obstacle or not each.constant)), None
-        )
+        varying = (each for each in self.clearances if obstacle or not each.constant)
+        return next((each for each in varying if each.obstacle is obstacle), None)
 
     def worst(self, kind: LimitKind) -> LimitUse | None:
         """Limit of a kind with the largest excess; None without such limits.

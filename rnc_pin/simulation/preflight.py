@@ -223,9 +223,8 @@ class RolloutEvaluation:
         """
         # All samples in one array: one call of the decomposition for the whole way.
         A4 = self.configurations.A_star[:, task.vertical][:, :, task.redundant]
-        return self._margin(
-            np.linalg.svd(A4, compute_uv=False)[:, -1], lambda index: weakest_rows(A4[index], task.vertical_names)
-        )
+        smallest = np.linalg.svd(A4, compute_uv=False)[:, -1]
+        return self._margin(smallest, lambda index: weakest_rows(A4[index], task.vertical_names))
 
     def lift_off(self, normal: NormalForces) -> LiftOff | None:
         """Return the first contact that lifts off the ground; None if none does.
@@ -300,14 +299,11 @@ def friction_demand(rollout: RolloutEvaluation, grip: Grip) -> FrictionDemand:
     # The worst contact at the worst time: one that slips moves the robot off its way.
     now = grip.used_at(rollout.states, rollout.inputs)
     when, which = np.unravel_index(int(np.argmax(now)), now.shape)
-    used = float(now[when, which])
-    time_scale = 1.0
+    used, time, time_scale = float(now[when, which]), float(rollout.inner_times[when]), 1.0
     if used > 1.0 + _CLOSE:
         # Inertial forces fall with the square of the time scale: where gravity has no part, its root is exact.
         time_scale = _least_time_scale(lambda s: float(grip.used_at(*rollout.slowed(s)).max()), np.sqrt(used))
-    return FrictionDemand(
-        used, grip.names[int(which)], float(rollout.inner_times[when]), time_scale, rollout.lift_off(grip.normal)
-    )
+    return FrictionDemand(used, grip.names[int(which)], time, time_scale, rollout.lift_off(grip.normal))
 
 
 def _least_time_scale(used: Callable[[float], float], guess: float) -> float:

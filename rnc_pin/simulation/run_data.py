@@ -27,11 +27,8 @@ from rnc_pin.verdict import Verdict
 
 GOALS = ("v2_desired", "x1_desired", "x2_desired")
 """Arrays with the goals of a sample, NaN without one."""
-_STATED = tuple(
-    name
-    for name, none in PlantReport._field_defaults.items()
-    if isinstance(none, Mapping) and not name.endswith("_units")
-)
+_DEFAULTS = PlantReport._field_defaults.items()
+_STATED = tuple(name for name, none in _DEFAULTS if isinstance(none, Mapping) and not name.endswith("_units"))
 """Fields of a report with numbers by name: each is an array of the run."""
 _OPTIONAL = ("estimates", "prediction_error", "v_measured", *_STATED)
 _SILENT = PlantReport()

@@ -154,8 +154,7 @@ def _label_names(run: RunData, comparisons: Others) -> list[str]:
     words = [word for make in QUANTITIES.values() for panel in make(run, comparisons) for word in panel.words]
     outputs, origin = run.info.outputs, run.info.provenance
     named = [*outputs.x2.names, *outputs.x1.names, *outputs.T, *origin.estimates, *origin.predicted]
-    paths = [path.name for path in compared_paths(run, comparisons).own]
-    return [*named, *words, *paths, *comparisons, *_FIXED]
+    return [*named, *words, *(path.name for path in compared_paths(run, comparisons).own), *comparisons, *_FIXED]
 
 
 _FIXED = ("time", "desired", "planned path", "goal", "x", "y")
@@ -244,15 +243,13 @@ def learning_panels(run: RunData, others: Others, quantity: str) -> list[Panel]:
     names = list(units) or [f"{quantity} {column}" for column in range(values.shape[1])]
 
     def column(of: RunData, name: str) -> np.ndarray:
-        scaled: np.ndarray = units.get(name, (1.0, ""))[0] * getattr(of, quantity)[:, names.index(name)]
-        return scaled
+        return np.asarray(units.get(name, (1.0, ""))[0] * getattr(of, quantity)[:, names.index(name)])
 
     # A compared controller may learn something else, whose curves belong to no panel of this run.
     alike = {label: other for label, other in others.items() if getattr(other, quantity).shape == values.shape}
 
     def series(name: str) -> Series:
-        compared = {label: column(other, name) for label, other in alike.items()}
-        return Series(name, column(run, name), None, compared)
+        return Series(name, column(run, name), None, {label: column(other, name) for label, other in alike.items()})
 
     word = "estimate" if quantity == "estimates" else "prediction error"
     return _by_axis(names, lambda name: _Axis(word, units.get(name, (1.0, ""))[1] or "-"), series, others)
@@ -308,8 +305,7 @@ class _Output(NamedTuple):
 
     def values(self, run: RunData, suffix: str = "") -> np.ndarray:
         """Values (N,) in a run with the same outputs; with the suffix "_desired" their goals."""
-        values: np.ndarray = getattr(run, self.kind + suffix)[:, self.column]
-        return values
+        return np.asarray(getattr(run, self.kind + suffix)[:, self.column])
 
 
 def _largest_ranges(names: Sequence[str], values: Callable[[str], np.ndarray], others: Others) -> tuple[list[str], str]:

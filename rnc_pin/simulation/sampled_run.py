@@ -212,8 +212,7 @@ class SampledRun:
             progress.active_component = loop.active_component
             raise
         if perf_counter() - wall > self._dt:  # thread time, without other work of the computer, is never longer
-            spent = thread_time() - begin
-            self._late = with_late_tick(self._late, t, spent, self._dt)
+            self._late = with_late_tick(self._late, t, thread_time() - begin, self._dt)
         # Inputs that the plant clipped: the record and the next step of the controller have what acts.
         T = adapter.apply(loop, T)
         if loop.state.fault is not None:

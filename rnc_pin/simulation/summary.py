@@ -251,11 +251,10 @@ def add_limits(summary: Summary, replay: LimitReplay) -> None:
         replay: replay of its run.
     """
     # The worst of each kind: a humanoid has a hundred limits.
-    worst = {kind: replay.worst(kind) for kind in LIMIT_KINDS}
     summary["joint_limits"] = {
         kind: {"joint": use.name, "excess": use.excess, "time": use.time}
-        for kind, use in worst.items()
-        if use is not None
+        for kind in LIMIT_KINDS
+        if (use := replay.worst(kind)) is not None
     }
     summary["smallest_distance"] = _nearest(replay.nearest(obstacle=True))
     summary["smallest_own_distance"] = _nearest(replay.nearest(obstacle=False))
