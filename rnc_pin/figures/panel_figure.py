@@ -342,8 +342,7 @@ class GroundPath:
         # A goal that moves by rounding only is drawn as a cross, not as a path of no length.
         if self.desired is None or not np.allclose(self.desired, self.desired[-1], rtol=0.0, atol=1e-9):
             return None
-        last: np.ndarray = self.desired[-1]
-        return last
+        return np.asarray(self.desired[-1])
 
     def marks(self) -> np.ndarray:
         """Indices of the samples with heading marks, evenly along the path; rotation in place counts as distance."""

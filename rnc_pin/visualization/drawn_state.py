@@ -163,8 +163,7 @@ def output_error(outputs: OutputNames, state: DrawnState, kind: str) -> np.ndarr
         state: the state.
         kind: "x1" or "x2".
     """
-    actual = state.x1 if kind == "x1" else state.x2
-    return outputs.of(kind).coordinates.difference(state.desired(kind), actual)
+    return outputs.of(kind).coordinates.difference(state.desired(kind), state.x1 if kind == "x1" else state.x2)
 
 
 def tracked_frames(outputs: OutputNames, goals: Sequence[str], robot: Robot) -> dict[str, dict[int, tuple[str, int]]]:

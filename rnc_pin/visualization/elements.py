@@ -307,8 +307,7 @@ class Overlay:
         """
         values = [float(row.value(state)) for row in self.rows]
         colors = (None if row.color is None else (255 * row.color(state)).round().astype(np.uint8) for row in self.rows)
-        chips = [None if color is None else f"#{color.tobytes().hex()}" for color in colors]
-        return values, chips
+        return values, [None if color is None else f"#{color.tobytes().hex()}" for color in colors]
 
 
 def margin_color(margin: float) -> np.ndarray:
@@ -465,9 +464,8 @@ class SceneKinematics:
                     continue
                 placement = self.shape_placement(shape, state.q)
                 radius = shape.geometry.radius
-                level = np.array([1.0, 1.0, 0.0])
                 # Across the axle, from above: a row may act at the middle of an axle with several wheels.
-                aside = np.cross((placement.translation - point) * level, along)
+                aside = np.cross((placement.translation - point) * [1.0, 1.0, 0.0], along)
                 on_axle = abs(placement.rotation[:, 2] @ along) > 0.99 and np.linalg.norm(aside) < 0.05 * radius
                 if on_axle and abs(placement.translation[2] - radius - ground) < 0.25 * radius:
                     tracks[shape.name] = under(shape)

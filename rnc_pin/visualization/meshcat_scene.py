@@ -308,8 +308,7 @@ class MeshcatScene:
         # Even along the path, whatever its points are: dots of a fast motion would lie apart.
         vertices = np.stack([np.interp(along, length, column) for column in points.T]).astype(np.float32)
         shade = np.array([color >> 16 & 255, color >> 8 & 255, color & 255], dtype=np.float32) / 255
-        colors = np.tile(shade[:, None], (1, len(along)))
-        self.root[name].set_object(mg.PointCloud(vertices, colors, size=width))
+        self.root[name].set_object(mg.PointCloud(vertices, np.tile(shade[:, None], (1, len(along))), size=width))
 
     def grid(self, height: float, center: np.ndarray, half: float) -> None:
         """Draw a square grid at a height, of half width ``half`` about a centre [m].
@@ -320,8 +319,7 @@ class MeshcatScene:
             half: half of its width.
         """
         # Powers of two: the number of lines stays between bounds for a robot of any size.
-        pitch = 0.5 * 2.0 ** max(0, round(np.log2(half / 10.0)))
-        self._pitch = pitch
+        self._pitch = pitch = 0.5 * 2.0 ** max(0, round(np.log2(half / 10.0)))
         self.root["ground"].set_object(_grid(height, np.round(center[:2] / pitch) * pitch, half, pitch))
 
     def overlay(
@@ -357,7 +355,6 @@ def _grid(height: float, center: np.ndarray, half: float, pitch: float) -> mg.Li
     lines, level = across.ravel(), np.full(along.size, height, dtype=np.float32)
     parallel = np.stack([np.stack([starts, lines, level]), np.stack([ends, lines, level])], axis=-1)
     # The same lines with x and y exchanged.
-    crossing = parallel[[1, 0, 2]]
-    points = np.concatenate([parallel, crossing], axis=1).reshape(3, -1)
+    points = np.concatenate([parallel, parallel[[1, 0, 2]]], axis=1).reshape(3, -1)
     points[:2] += center.astype(np.float32)[:, None]
     return mg.LineSegments(mg.PointsGeometry(points), mg.LineBasicMaterial(color=0xA9B4BF))

@@ -72,9 +72,8 @@ class Recording(SummaryMixin):
             frames.append([significant(value, 4) for value in values])
             chips.append(colors)
         heading = title if title != "rnc_pin" else ""
-        self._scene.overlay(
-            heading, run_scene.overlay.labels(), run_scene.legend(), frames=frames, chips=chips, rate=RATE
-        )
+        rows, legend = run_scene.overlay.labels(), run_scene.legend()
+        self._scene.overlay(heading, rows, legend, frames=frames, chips=chips, rate=RATE)
         self._scene.play()
 
     def html(self, begin: float | None = None) -> str:
@@ -101,9 +100,8 @@ class Recording(SummaryMixin):
 
     def _summary(self) -> ObjectSummary:
         title = f"Recording '{self._scene.window.title}': {self.duration:g} s at {RATE:g} pictures per second"
-        return ObjectSummary(
-            title, [("to see it", items(["save(path) writes a page for a browser; a notebook shows it"]))]
-        )
+        use = "save(path) writes a page for a browser; a notebook shows it"
+        return ObjectSummary(title, [("to see it", items([use]))])
 
     def _repr_html_(self) -> str:
         page = escape(self.html(), quote=True)

@@ -160,8 +160,7 @@ def draw_robot(robot: Robot, scene: MeshcatScene) -> PlacedShapes:
         else:
             color = int.from_bytes((255 * rgba[:3]).astype(np.uint8).tobytes(), "big")
             # Shiny, as in Pinocchio's own viewer; obstacles and arrows are dull.
-            material = mg.MeshPhongMaterial(color=color, opacity=float(rgba[3]))
-            scene.root[node].set_object(geometry, material)
+            scene.root[node].set_object(geometry, mg.MeshPhongMaterial(color=color, opacity=float(rgba[3])))
     return shapes
 
 
@@ -369,8 +368,7 @@ class GroundElement(Element):
     carrier: str | None = None
 
     def build(self, scene: MeshcatScene) -> None:
-        opacity = 0.35
-        scene.mesh(self.node, mg.TriangularMeshGeometry(*self.patch), GREEN, opacity)
+        scene.mesh(self.node, mg.TriangularMeshGeometry(*self.patch), GREEN, opacity=0.35)
 
     def update(self, scene: MeshcatScene, state: DrawnState) -> None:
         if self.carrier is not None:
@@ -392,6 +390,5 @@ def ground_elements(
     drawn = [each for each in grounds_of(reduced) if is_drawn(each, kinematics.robot)]
     for k, ground in enumerate(drawn):
         places = np.stack([seen_from(ground, kinematics, q) for q in moments])
-        patch = ground_patch(ground, places, size)
-        found.append(GroundElement(GROUND, str(k), patch, kinematics, carrier_of(ground)))
+        found.append(GroundElement(GROUND, str(k), ground_patch(ground, places, size), kinematics, carrier_of(ground)))
     return found
