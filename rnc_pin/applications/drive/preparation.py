@@ -241,8 +241,8 @@ def _default_frames(scenario: ScenarioFile, robot: Robot) -> tuple[str, ...]:
     root = robot.joint_id("root_joint") if "root_joint" in robot.joint_names else 0
     known = filter(robot.model.existFrame, dict.fromkeys((*named, *scenario.view.trail, *([] if named else ends))))
     most_frames = 4
-    carried = [name for name in known if robot.model.frames[robot.frame_id(name)].parentJoint not in (0, root)]
-    return tuple(carried[:most_frames])
+    moving = [name for name in known if robot.model.frames[robot.frame_id(name)].parentJoint not in (0, root)]
+    return tuple(moving[:most_frames])
 
 
 def _check_drivable(name: str, experiment: Experiment) -> None:
