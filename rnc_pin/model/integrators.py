@@ -19,6 +19,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.errors import DivergenceError
 from rnc_pin.model.evaluator import Evaluator
+from rnc_pin.model.reduction_kernel import curved_joints
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.robots.robot import Robot
 
@@ -59,17 +60,9 @@ class ExponentialCoordinates:
     """
 
     def __init__(self, robot: Robot) -> None:
-        self._curved: list[tuple[slice, Callable[[Array], tuple[Array, float]]]] = []
-        self._model = robot.model
-        self._others = False
-        for joint in list(robot.model.joints)[1:]:
-            adjoint = _ADJOINTS.get(joint.shortname())
-            if adjoint is not None:
-                self._curved.append((slice(joint.idx_v, joint.idx_v + joint.nv), adjoint))
-            elif joint.nv > 1 and joint.shortname() != "JointModelTranslation":
-                # Of translations and single joints the coordinates are the tangent space itself: no derivative is
-                # needed.
-                self._others = True
+        curved = curved_joints(robot.model)
+        self._model, self._others = robot.model, curved is None
+        self._curved = [(where, _ADJOINTS[kind]) for kind, where in curved or ()]
 
     def derivative(self, rate: Rate, q: Array, u: Array, y: Array) -> tuple[Array, Array]:
         """Return ``(udot, ydot)`` at ``q (+) u`` of a motion ``rate(q, y) -> (v, ydot)``.
@@ -237,9 +230,8 @@ class LieRungeKutta4:
             u = (fraction * h) * slope
             check_reach(u, h)
             slopes.append(self._coordinates.derivative(rate, q, u, y + (fraction * h) * y_slope))
-        u, by = (
-            (h / 6) * (one + 2.0 * two + 2.0 * three + four) for one, two, three, four in zip(*slopes, strict=True)
-        )
+        sides = zip(*slopes, strict=True)
+        u, by = ((h / 6) * (one + 2.0 * two + 2.0 * three + four) for one, two, three, four in sides)
         # Differences of the stages show what a step misses: where they agree, the rate is nearly constant or linear in
         # time.
         one, two, three, four = (np.concatenate([slope, y_slope[:r]]) for slope, y_slope in slopes)

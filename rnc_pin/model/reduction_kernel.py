@@ -59,35 +59,19 @@ class _Workspace:
         # Columns of a joint's Jacobian that are not zero; the kernel skips the others.
         moved = [_entries(model, joint) for joint in range(joints)]
         q, v, acceleration = robot.configuration(), np.zeros(n), np.zeros(n)
-        self.views = (
-            _view(pinocchio.M, (n, n)),
-            _view(pinocchio.J, (6, n)),
-            _view(pinocchio.nle, (n,)),
-            _view(pinocchio.C, (n, n)),
-            _placements(pinocchio, joints),
-            q,
-            v,
-            acceleration,
-            *(each.reshape((n, n)).T for each in (pinocchio.dtau_dq, pinocchio.dtau_dv)),  # stored by rows
-        )
-        functions = (pin.crba, pin.nonLinearEffects, pin.computeCoriolisMatrix)
-        self.references = (
-            model,
-            pinocchio,
-            q,
-            v,
-            pin.Convention.WORLD,
-            *functions,
-            pin.isNormalized,
-            1e-6,
-            np.empty,
-            pin.integrate,
-            acceleration,
-            pin.computeRNEADerivatives,
-        )
+        matrices = (pinocchio.M, (n, n)), (pinocchio.J, (6, n)), (pinocchio.nle, (n,)), (pinocchio.C, (n, n))
+        by_rows = (each.reshape((n, n)).T for each in (pinocchio.dtau_dq, pinocchio.dtau_dv))
+        placed = _placements(pinocchio, joints)
+        self.views = (*(_view(*each) for each in matrices), placed, q, v, acceleration, *by_rows)
+        # In the order in which the kernel stores them.
+        state = model, pinocchio, q, v, pin.Convention.WORLD
+        functions = pin.crba, pin.nonLinearEffects, pin.computeCoriolisMatrix, pin.isNormalized, 1e-6
+        self.references = (*state, *functions, np.empty, pin.integrate, acceleration, pin.computeRNEADerivatives)
         self.ends = np.cumsum([0, *map(len, moved)], dtype=np.int64)
         self.entries = np.array([entry for entries in moved for entry in entries], np.int64)
-        self.curved = _curved_joints(model)
+        curved = curved_joints(model)
+        kinds = [(_CURVED[kind], where.start) for kind, where in curved or ()]
+        self.curved = None if curved is None else np.array(kinds, dtype=np.int64).reshape(-1, 2)
 
 
 def _workspace(data: ReductionData) -> _Workspace:
@@ -139,17 +123,21 @@ def _tables(rows: Sequence[KernelRow]) -> tuple[Array, Array]:
     return table, records
 
 
-def _curved_joints(model: pin.Model) -> Array | None:
-    """Kind and first entry of v of each joint with curved coordinates; None if the kernel does not know a joint."""
+def curved_joints(model: pin.Model) -> list[tuple[str, slice]] | None:
+    """Kind and entries of v of each joint with curved coordinates; None if the exponential of a joint is unknown.
+
+    Args:
+        model: Pinocchio's model of the robot.
+    """
     found = []
     for joint in list(model.joints)[1:]:
-        kind = _CURVED.get(joint.shortname())
-        if kind is not None:
-            found.append((kind, joint.idx_v))
-        # The kernel has no exponential for other joints, such as universal ones: Python integrates them.
+        if joint.shortname() in _CURVED:
+            found.append((joint.shortname(), slice(joint.idx_v, joint.idx_v + joint.nv)))
+        # Of translations and single joints the coordinates are the tangent space itself. Other joints, such as
+        # universal ones, are left to Pinocchio.
         elif joint.nv > 1 and joint.shortname() != "JointModelTranslation":
             return None
-    return np.array(found, dtype=np.int64).reshape(-1, 2)
+    return found
 
 
 def _entries(model: pin.Model, joint: int) -> list[int]:
@@ -242,9 +230,7 @@ class ReductionKernel:
         self.sample = np.dtype([*states, *((name, float, shape) for name, shape in numbers.items())])
         by = {"v_q": (n, n), "v_v2": (n, r), "v2_dot_q": (r, n), "v2_dot_v2": (r, r), "v2_dot_T": (r, p)}
         self.derivatives = _record({"v": (n,), "v2_dot": (r,), **by})
-        self.python_values = tuple(
-            blocks_valued_by_python(stack, data.robot.model) for stack in (data.reducing, data.vertical)
-        )
+        self.python_values = tuple(blocks_valued_by_python(stack, model) for stack in (data.reducing, data.vertical))
         self.measures = not (self.python_rows or any(self.python_values))
         self.measured_sizes = *(each.itemsize // 8 for each in (self.kinematics, self.inverse, self.rates)), r + k
 
@@ -259,28 +245,20 @@ class ReductionKernel:
         forces = [KernelRow(Form.OWN, (attached(robot.model, frame),), (), units[row]) for _, frame, row in inputs]
         every = [*rows, *forces, *(row for row, _ in passive)]
         self._rows, frames = _tables(every)
-        zero = np.zeros(data.n)
         sizes = robot.nq, data.n, data.m, data.vertical.size, data.p, robot.model.njoints, len(frames)
         external = self.external.size, self.external_vertical.size, len(every), len(workspace.entries)
-        return _kernel.library.Evaluator(
-            (*sizes, *external, robot.nq != robot.nv, self.fused, data.rheonomic, len(passive)),
-            workspace.references,
-            workspace.views,
-            self._rows,
-            np.array([column for column, _, _ in inputs], dtype=np.int64),
-            frames,
-            workspace.ends,
-            workspace.entries,
-            np.array([zero if row.constant is None else row.constant for row in every]),
-            np.ascontiguousarray(constant),
-            # At the time of a frozen model.
-            self.rates_over_time([data.kinematics.time or 0.0]) if data.affine else None,
-            np.ascontiguousarray(data.lengths),
-            workspace.curved,
-            np.array([law for _, law in passive], dtype=float).reshape(-1, len(KernelForce._fields)),
-            data.fast_length,
-            data.fast_limit,
-        )
+        layout = (*sizes, *external, robot.nq != robot.nv, self.fused, data.rheonomic, len(passive))
+        columns = np.array([column for column, _, _ in inputs], dtype=np.int64)
+        tables = self._rows, columns, frames, workspace.ends, workspace.entries
+        zero = np.zeros(data.n)
+        constants = np.array([zero if row.constant is None else row.constant for row in every])
+        # At the time of a frozen model.
+        rates = self.rates_over_time([data.kinematics.time or 0.0]) if data.affine else None
+        matrices = constants, np.ascontiguousarray(constant), rates, np.ascontiguousarray(data.lengths)
+        laws = np.array([law for _, law in passive], dtype=float).reshape(-1, len(KernelForce._fields))
+        limits = data.fast_length, data.fast_limit
+        shared = workspace.references, workspace.views
+        return _kernel.library.Evaluator(layout, *shared, *tables, *matrices, workspace.curved, laws, *limits)
 
     def run_records(self, batch: tuple[int, ...], kinematics: Array | None = None) -> RunRecords:
         """Records of measurements without values; kinematics: those of the states, if known.
@@ -290,12 +268,9 @@ class ReductionKernel:
             kinematics: records of kinematics, if known.
         """
         first, inverse, rates, values = self.measured_sizes
-        return RunRecords(
-            np.empty((*batch, first)) if kinematics is None else kinematics,
-            np.empty((*batch, inverse)),
-            np.empty((*batch, rates)),
-            np.empty((*batch, values)),
-        )
+        kinematics = np.empty((*batch, first)) if kinematics is None else kinematics
+        others = np.empty((*batch, inverse)), np.empty((*batch, rates)), np.empty((*batch, values))
+        return RunRecords(kinematics, *others)
 
     def refresh(self) -> None:
         """Read the numbers of the constraint rows again, after a parameter of one changed."""
