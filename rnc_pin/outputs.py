@@ -79,11 +79,8 @@ class _PositionRows(FrameVelocityRows, OutputRows):
         return at.placement(self._frame).translation[..., self._rows]
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
-        axes = np.arange(3)[self._rows].tolist()
-        return [
-            row._replace(value=(Value.COORDINATE, axis))
-            for row, axis in zip(super().kernel_rows(model) or [], axes, strict=True)
-        ]
+        rows, axes = super().kernel_rows(model), np.arange(3)[self._rows].tolist()
+        return [row._replace(value=(Value.COORDINATE, axis)) for row, axis in zip(rows, axes, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -574,9 +571,7 @@ class _CustomRows(OutputRows):
         # A string is a sequence too: "ab" would silently name two rows a and b.
         if isinstance(kind.names, str) or size == 0:
             raise ConstraintError(f"names of a user-defined output have to be a list of strings, found {kind.names!r}")
-        self.names = tuple(kind.names)
-        self.units = ("",) * size
-        self.angular = (kind.angular,) * size
+        self.names, self.units, self.angular = tuple(kind.names), ("",) * size, (kind.angular,) * size
         self.quasi = kind.value is None
         shape, whose = (size, robot.nv), f" of output {self.names}"
         self._jacobian = UserFunction(kind.jacobian, shape, f"jacobian(q){whose}")

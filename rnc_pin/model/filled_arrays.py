@@ -75,7 +75,7 @@ class KnownKinematics(PositionKinematics):
         if axes != WORLD_AXES:
             return super().jacobian(frame, axes, rows)
         found = self._frame(frame)[1]
-        return found if rows == ALL else found[rows]
+        return found if rows is ALL else found[rows]
 
     def _frame(self, frame: int) -> tuple[Placement, Array]:
         # A row asks for the placement and the Jacobian of its frame in turn: one call computes both.
@@ -127,9 +127,8 @@ class CompiledArraysAtQ:
     @cached_property
     def factorization(self) -> Factorization:
         """E and its inverse, with the default rows."""
-        return Factorization(
-            self.inverse["E"], self.inverse["E_inverse"], np.ones(self.batch, dtype=bool) if self.batch else True
-        )
+        regular = np.ones(self.batch, dtype=bool) if self.batch else True
+        return Factorization(self.inverse["E"], self.inverse["E_inverse"], regular)
 
     def output_values(self, position: PositionKinematics | None) -> tuple[Array, Array]:
         """Values x1 (..., k) and x2 (..., r); zero for quasi-velocities.
@@ -320,9 +319,8 @@ class CompiledArraysAtV:
         rows = external = vertical = None
         if self._motion is not None:
             rows = kernel.external_vertical.jacobian(self._motion)
-            external, vertical = (
-                stack.jacobian_dot(self._motion) for stack in (kernel.external, kernel.external_vertical)
-            )
+            external = kernel.external.jacobian_dot(self._motion)
+            vertical = kernel.external_vertical.jacobian_dot(self._motion)
         rates = _empty_records(at.batch, kernel.rates)
         arguments = at.q, at.kinematics, at.inverse, self._v, rows, external, vertical, rates
         return rates if self._calls.rates(*arguments) else None

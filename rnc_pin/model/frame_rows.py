@@ -21,6 +21,7 @@ from rnc_pin.math.linear_algebra import (
     Dual,
     Entry,
     apply,
+    as_slice,
     complex_step,
     components,
     cross,
@@ -147,10 +148,8 @@ class FrameVelocityRows(Rows):
     def __init__(self, robot: Robot, frame: str, rows: Sequence[int], axes: pin.ReferenceFrame = WORLD_AXES) -> None:
         self._frame, self._axes = robot.frame_id(frame), axes
         self.units = tuple("m/s" if row < 3 else "rad/s" for row in rows)
-        chosen = list(rows)
-        following = chosen == list(range(chosen[0], chosen[0] + len(chosen)))
         # A slice is a view, not a copy, on the hot path.
-        self._rows: slice | list[int] = slice(chosen[0], chosen[-1] + 1) if following else chosen
+        self._rows = as_slice(np.array(rows))
 
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
         return at.jacobian(self._frame, self._axes, self._rows)
@@ -167,10 +166,9 @@ class FrameVelocityRows(Rows):
         motion = at.frame_gradients(self._frame)
         return np.vstack([motion.acceleration, motion.angular_acceleration])[self._rows]
 
-    def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
         form = Form.OWN if self._axes == OWN_AXES else Form.WORLD
-        components = np.arange(6)[self._rows].tolist()
-        return component_rows(form, attached(model, self._frame), components)
+        return component_rows(form, attached(model, self._frame), np.arange(6)[self._rows].tolist())
 
 
 # ------------------------------------------------------------------ wrenches

@@ -25,7 +25,7 @@ from rnc_pin.robots.robot import Robot
 WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 OWN_AXES = pin.ReferenceFrame.LOCAL
 
-Components = slice | list[int]
+Components = slice | np.ndarray
 ALL = slice(0, 6)
 """All components of a spatial motion: linear x, y, z, then angular x, y, z."""
 
@@ -389,7 +389,7 @@ class VelocityKinematics(PositionKinematics):
         Args:
             frame: index of the frame in the model.
         """
-        return self._derivatives.get(_acceleration_gradient, (6, self._at.nv), frame)
+        return self._derivatives.get(_own_gradients, (2, 6, self._at.nv), frame)[..., 1, :, :]
 
     def frame_gradients(self, frame: int) -> FrameDerivatives:
         """Derivatives of ``velocity`` and ``acceleration`` in world axes with respect to q at fixed v.
@@ -488,14 +488,10 @@ def _joint_jacobian(at: Kinematics, joint: int) -> np.ndarray:
     return _by_columns(at, pin.getJointJacobian(at.model, at.data, joint, pin.ReferenceFrame.WORLD))
 
 
-def _own_gradients(at: Kinematics, frame: int) -> list[np.ndarray]:
-    """Derivatives of the frame's velocity and acceleration in its own axes, (6, nv) each."""
+def _own_gradients(at: Kinematics, frame: int) -> np.ndarray:
+    """Derivatives of the frame's velocity and acceleration in its own axes, (2, 6, nv)."""
     found = pin.getFrameAccelerationDerivatives(at.model, at.data, frame, OWN_AXES)[:2]
-    return [_by_columns(at, each) for each in found]
-
-
-def _acceleration_gradient(at: Kinematics, frame: int) -> np.ndarray:
-    return _own_gradients(at, frame)[1]
+    return np.array([_by_columns(at, each) for each in found])
 
 
 def _frame_gradients(at: Kinematics, frame: int) -> np.ndarray:

@@ -18,7 +18,7 @@ import pinocchio as pin
 
 from rnc_pin._kernel.kernel_rows import Form, KernelRow
 from rnc_pin.errors import DivergenceError, SingularityError
-from rnc_pin.math.linear_algebra import Component
+from rnc_pin.math.linear_algebra import Component, as_slice
 from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.robots.robot import Robot
@@ -344,7 +344,7 @@ def check_defined(what: str, q: np.ndarray, sizes: Component, limit: float, name
 
 # ------------------------------------------------------------------ stacks
 
-Selection = slice | list[int]
+Selection = slice | np.ndarray
 _Value = TypeVar("_Value")
 
 
@@ -397,7 +397,7 @@ class RowStack:
             chosen = range(size) if kept is None else [row - first for row in kept if first <= row < first + size]
             if len(chosen):
                 where = slice(start, start + len(chosen))
-                rows = None if len(chosen) == size else _selection(list(chosen))
+                rows = None if len(chosen) == size else as_slice(np.array(chosen))
                 places.append(Place(block, where, rows))
             start, first = start + len(chosen), first + size
         self._take(places)
@@ -406,9 +406,8 @@ class RowStack:
         self.places, self.size = places, places[-1].where.stop if places else 0
         self.names = tuple(name for block, _, rows in self.places for name in _of(block.names, rows))
         self.units = tuple(unit for block, _, rows in self.places for unit in _of(block.units, rows))
-        self.holonomic = tuple(
-            flag for block, _, rows in self.places for flag in _of(block.holonomic or (False,) * len(block.names), rows)
-        )
+        flags = ((block.holonomic or (False,) * len(block.names), rows) for block, _, rows in self.places)
+        self.holonomic = tuple(flag for each in flags for flag in _of(*each))
         self.affine = any(place.block.affine for place in self.places)
         self.rheonomic = any(place.block.rheonomic for place in self.places)
         self.turning = any(place.block.turning for place in self.places)
@@ -595,12 +594,6 @@ def rheonomic_names(stack: RowStack) -> list[str]:
         stack: the rows.
     """
     return [name for place in stack.places if place.block.rheonomic for name in _of(place.block.names, place.rows)]
-
-
-def _selection(rows: list[int]) -> Selection:
-    """Convert consecutive indices to a slice, which gives a view instead of a copy on the hot path."""
-    first = rows[0]
-    return slice(first, first + len(rows)) if rows == list(range(first, first + len(rows))) else rows
 
 
 def _of(values: tuple[_Value, ...], rows: Selection | None) -> tuple[_Value, ...]:
