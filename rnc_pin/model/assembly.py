@@ -124,10 +124,8 @@ class Assembly:
         other, _, closed = self._closest(q, hold, by_inertia=False, t=t)
         if closed:
             return other
-        row = int(np.argmax(np.abs(residual)))
         raise ConstraintError(
-            f"no configuration near q satisfies {', '.join(self.names)}: {self.names[row]} has residual "
-            f"{abs(residual[row]):.3g}, limit {_GOOD:.0e}{self.remedy(self.names[row])}"
+            f"no configuration near q satisfies {', '.join(self.names)}: {_worst_row(self, residual)}"
         )
 
     def remedy(self, name: str) -> str:
@@ -214,15 +212,12 @@ class Assembly:
                 if closed:
                     return found
                 failures.append(float(np.linalg.norm(residual)))
-                row = int(np.argmax(np.abs(residual)))
-                worst = f": {self.names[row]} has residual {abs(residual[row]):.3g}, limit {_GOOD:.0e}"
-                worst += self.remedy(self.names[row])
+                worst = f": {_worst_row(self, residual)}"
             if len(failures) == early and _out_of_reach(failures):
                 break
-        drawn_ones = (
-            f"{early} random configurations" if len(failures) == early else f"any of {tries} random configurations"
-        )
-        raise ConstraintError(f"constraints cannot be satisfied from {drawn_ones}{worst if failures else ''}")
+        count = f"{early}" if len(failures) == early else f"any of {tries}"
+        text = f"constraints cannot be satisfied from {count} random configurations"
+        raise ConstraintError(text + (worst if failures else ""))
 
     def samples(self, count: int, spread: float = np.pi) -> Array:
         """Seeded random configurations and the neutral one, (count or count + 1, nq), which satisfy the rows.
@@ -305,6 +300,13 @@ class Assembly:
                 if all(np.isfinite(each).all() for each in whole):
                     samples.append(whole)
         return samples
+
+
+def _worst_row(assembly: Assembly, residual: Array) -> str:
+    """The worst row of a configuration with its residual, for messages."""
+    row = int(np.argmax(np.abs(residual)))
+    limit = f"{_GOOD:.0e}{assembly.remedy(assembly.names[row])}"
+    return f"{assembly.names[row]} has residual {abs(residual[row]):.3g}, limit {limit}"
 
 
 def _out_of_reach(failures: Sequence[float]) -> bool:
