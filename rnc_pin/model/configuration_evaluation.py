@@ -144,11 +144,10 @@ class ConfigurationEvaluation(SummaryMixin):
     @cached_property
     def B(self) -> Float[Array, "*batch nv p"]:
         """Actuation matrix: generalized force ``B T``."""
-        actuation = self._data.actuation
-        if actuation.constant is not None:
-            constant = actuation.constant
-            return np.broadcast_to(constant, (*self.batch, *constant.shape)) if self.batch else constant
-        return self.varying_B
+        constant = self._data.actuation.constant
+        if constant is None:
+            return self.varying_B
+        return np.broadcast_to(constant, (*self.batch, *constant.shape)) if self.batch else constant
 
     @filled_at_q
     def varying_B(self) -> Float[Array, "*batch nv p"]:

@@ -145,8 +145,7 @@ class Actuation:
     def _read_list(self, actuators: list[Actuator], robot: Robot) -> None:
         self._constant = np.zeros((robot.nv, len(actuators)))
         self.limits = np.full(len(actuators), np.inf)
-        names: list[str] = []
-        units: list[str] = []
+        names, units = list[str](), list[str]()
         for column, actuator in enumerate(actuators):
             if isinstance(actuator, FrameForce | FrameTorque):
                 # Rows of a frame's Jacobian: linear ones first, then angular.
@@ -159,9 +158,8 @@ class Actuation:
             elif isinstance(actuator, OpenDifferential):
                 if isinstance(actuator.joints, str) or len(set(actuator.joints)) < 2:
                     raise ConstraintError(f"a differential needs two joints or more, found {actuator.joints!r}")
-                places = [
-                    robot.single_joint(name, "a differential drives those with one").idx_v for name in actuator.joints
-                ]
+                remedy = "a differential drives those with one"
+                places = [robot.single_joint(name, remedy).idx_v for name in actuator.joints]
                 # The sum of the torques of the joints is the torque of the motor.
                 self._constant[places, column] = 1.0 / len(places)
                 self.limits[column] = actuator.limit

@@ -57,8 +57,7 @@ class Impact(SummaryMixin):
         return self.energy_before - self.energy_after
 
     def __reduce__(self) -> tuple[object, ...]:
-        content = self.v_before, self.v, dict(self.impulses), self.energy_before, self.energy_after
-        return _read_only, content
+        return _read_only, (self.v_before, self.v, dict(self.impulses), self.energy_before, self.energy_after)
 
     def _summary(self) -> ObjectSummary:
         title = f"Impact: {self.loss:.4g} J of {self.energy_before:.4g} J are lost"

@@ -173,8 +173,7 @@ def _margin(matrices: np.ndarray, kept: Sequence[int], names: Sequence[str]) -> 
 
 def _choose(matrices: np.ndarray, rank: int, tolerance: float) -> list[int]:
     """First set of rows that is well independent at every sample, else the set whose worst sample is best."""
-    best: list[int] = []
-    margin = -1.0
+    best, margin = list[int](), -1.0
     for kept in _candidates(matrices, rank, tolerance):
         if len(kept) < rank:
             continue  # the sample is near a singular configuration

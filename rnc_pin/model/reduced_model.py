@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from typing import overload
 
 import numpy as np
@@ -166,7 +167,7 @@ class ReducedModel(SummaryMixin):
         # An error here, and not at the first use of the new model, if q is singular.
         _ = state.R
         # Only the default changes: at other states other rows may still be selected.
-        parts = self.reduction_data.keeping(state.kept.tolist())
+        parts = replace(self.reduction_data, kept=tuple(state.kept.tolist()))
         if self.reduction_data.free:
             # Rows of J2 are unit vectors then: each has its one at the entry that was selected.
             parts = parts.in_entries(np.argmax(state.J2, axis=1).tolist())

@@ -150,14 +150,6 @@ class ReductionData:
         names = [self.robot.velocity_names[k] for k in entries]
         return self.in_velocities(np.eye(self.n)[list(entries)], names, free)
 
-    def keeping(self, kept: Sequence[int]) -> ReductionData:
-        """The same reduction with other constraint rows in A, (m,).
-
-        Args:
-            kept: indices of the rows among all constraint rows (m,).
-        """
-        return replace(self, kept=tuple(kept))
-
     def measuring(self, vertical: OutputStack) -> ReductionData:
         """The same reduction with other vertical outputs.
 

@@ -87,10 +87,8 @@ class RelativeKinematics(VelocityKinematics):
         return np.concatenate([back @ columns[..., :3, :], back @ columns[..., 3:, :]], axis=-2)
 
     def velocity(self, frame: int) -> Array:
-        at = self._in_motion
-        return _relative_velocity(
-            self._place.rotation, self._offset(frame), at.velocity(frame), at.velocity(self._carrier)
-        )
+        motions = self._in_motion.velocity(frame), self._in_motion.velocity(self._carrier)
+        return _relative_velocity(self._place.rotation, self._offset(frame), *motions)
 
     def acceleration(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES, rows: Components = ALL) -> Array:
         at, carrier = self._in_motion, self._carrier

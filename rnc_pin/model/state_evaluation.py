@@ -74,9 +74,8 @@ class StateEvaluation(ConfigurationEvaluation):
         motion: VelocityKinematics | None = None,
     ) -> None:
         # Of another state at the same configurations, only what depends on q may be used.
-        self.configuration: ConfigurationEvaluation = (
-            configuration.configuration if isinstance(configuration, StateEvaluation) else configuration
-        )
+        of_q = configuration.configuration if isinstance(configuration, StateEvaluation) else configuration
+        self.configuration: ConfigurationEvaluation = of_q
         super().__init__(configuration._evaluator, configuration.q, self.configuration, configuration.t)
         # At a velocity, rates of rows over time are needed at once; at a configuration only mu needs them.
         self._check_time()
@@ -452,11 +451,9 @@ class StateEvaluation(ConfigurationEvaluation):
         motors = np.eye(model.nv)[:, driven] * v_dot[..., None, driven]
         bodies = [f"{each} of {joint}" for joint in list(model.names)[1:] for each in _INERTIAL]
         values = [each.toDynamicParameters() for each in list(model.inertias)[1:]]
-        return ReducedRegressor(
-            self.R.mT @ np.concatenate([torques, motors], axis=-1),
-            (*bodies, *(f"motor inertia of {robot.velocity_names[k]}" for k in driven)),
-            np.concatenate([*values, model.armature[driven]]),
-        )
+        names = (*bodies, *(f"motor inertia of {robot.velocity_names[k]}" for k in driven))
+        matrix = self.R.mT @ np.concatenate([torques, motors], axis=-1)
+        return ReducedRegressor(matrix, names, np.concatenate([*values, model.armature[driven]]))
 
     def acceleration(self, T: ArrayInput, external: Array | None = None) -> Float[Array, "*batch nv"]:
         """Full acceleration under inputs T (..., p) and external generalized forces (..., nv).

@@ -133,9 +133,8 @@ class NonholonomicSystem(SummaryMixin):
         self.constraints = RowStack(blocks, self.kept)
         self.n, self.m, self.p = robot.nv, self.constraints.size, self.actuation.size
         if self.m >= self.n and not may_stop:
-            hint = (
-                f"; {few(coupled)} come from the robot's file, mimic=False (mimic: false) omits them" if coupled else ""
-            )
+            omitted = "mimic=False (mimic: false) omits them"
+            hint = f"; {few(coupled)} come from the robot's file, {omitted}" if coupled else ""
             still = _still(self.rows, robot, self._samples)
             raise ConstraintError(
                 f"{self.m} independent constraint rows leave no motion of {self.n} degrees of freedom{hint}{still}"
@@ -239,11 +238,9 @@ class NonholonomicSystem(SummaryMixin):
     def _reduced(self, x2: OutputStack, x1: OutputStack, limit: float, free: bool) -> ReducedModel:
         _check_unique((*self.constraints.names, *x2.names, *x1.names), "output")
         lengths = independence.row_scales(self.robot, self.rows, x2, self._samples)
-        workspace, kept = Kinematics(self.robot), tuple(self.kept)
-        parts = ReductionData(
-            self.robot, self.rows, kept, self.actuation, x2, x1, limit, lengths, workspace, self.forces, free
-        )
-        return ReducedModel(evaluator_for(parts), self.assembly, self.dropped_rows)
+        rest = limit, lengths, Kinematics(self.robot), self.forces, free
+        data = ReductionData(self.robot, self.rows, tuple(self.kept), self.actuation, x2, x1, *rest)
+        return ReducedModel(evaluator_for(data), self.assembly, self.dropped_rows)
 
     def _entries(self) -> OutputStack:
         """Entries of v that parametrise the motion well at every sampled configuration."""
@@ -306,8 +303,7 @@ def _numbered(blocks: list[Rows]) -> list[Rows]:
 def _sample_rows(rows: RowStack, robot: Robot, configurations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rows (samples, k, nv) and mu (samples, k), without configurations at which they are undefined."""
     kinematics = Kinematics(robot)
-    samples: list[np.ndarray] = []
-    rates: list[np.ndarray] = []
+    samples, rates = list[np.ndarray](), list[np.ndarray]()
     for q in configurations:
         position = kinematics.position(q)
         try:

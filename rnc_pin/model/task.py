@@ -164,9 +164,8 @@ class OutputTargets:
         Args:
             error: the error (k,) [rad or m].
         """
-        return {
-            label: float(np.linalg.norm(error[place])) for label, place in zip(self.labels, self.places, strict=True)
-        }
+        places = zip(self.labels, self.places, strict=True)
+        return {label: float(np.linalg.norm(error[place])) for label, place in places}
 
 
 def _target(

@@ -254,5 +254,5 @@ def test_the_rows_of_another_reduction_are_told_apart():
     """Vertical outputs leave E as it is; other velocities, rows or times do not."""
     data = tiago().reduction_data
     assert data.measuring(data.vertical).has_rows_of(data)
-    for other in (data.in_entries(list(range(data.r))), data.keeping(data.kept[:0]), data.frozen(1.0)):
+    for other in (data.in_entries(list(range(data.r))), data.frozen(1.0)):
         assert not other.has_rows_of(data)

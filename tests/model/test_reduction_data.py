@@ -38,7 +38,7 @@ def test_a_reduction_is_put_together_again_in_other_velocities():
         np.testing.assert_array_equal(other.lengths, [5.0, 0.5, *sizes])
         assert (other.kinematics, other.singularity_limit) == (parts.kinematics, 1e5)
         assert (other.vertical, other.actuation, other.rows) == (vertical, parts.actuation, parts.rows)
-    other, strict = parts.keeping([1, 2]), replace(parts, singularity_limit=1e2)
+    other, strict = replace(parts, kept=(1, 2)), replace(parts, singularity_limit=1e2)
     pairs = (strict, replace(strict)), (strict, parts), (parts, strict)
     assert [one.has_rows_of(two) for one, two in pairs] == [True, False, False]
     assert (other.kept, other.reducing, other.free) == ((1, 2), outputs, False)
