@@ -281,11 +281,8 @@ class SingularityError(SimulationError):
     def __init__(
         self, what: str, *, q: np.ndarray, condition: float, rows: Sequence[str], time: float | None = None
     ) -> None:
-        self.what = what
-        self.q = q
-        self.condition = condition
-        self.rows = tuple(rows)
-        self.time = time
+        self.what, self.q, self.time = what, q, time
+        self.condition, self.rows = condition, tuple(rows)
         super().__init__(what)
 
     def _words(self) -> str:

@@ -221,9 +221,8 @@ class _Wrench(PassiveForce):
         self._wrench = np.concatenate(parts)
 
     def force(self, at: VelocityKinematics) -> np.ndarray:
-        return apply_transposed(
-            at.jacobian(self._frame, self._axes), np.broadcast_to(self._wrench, (*at.v.shape[:-1], 6))
-        )
+        wrenches = np.broadcast_to(self._wrench, (*at.v.shape[:-1], 6))
+        return apply_transposed(at.jacobian(self._frame, self._axes), wrenches)
 
     def kernel_forces(self) -> list[tuple[KernelRow, KernelForce]]:
         form = Form.OWN if self._axes == OWN_AXES else Form.WORLD

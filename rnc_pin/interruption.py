@@ -92,9 +92,7 @@ class _Deferral:
     """Signal handler that raises KeyboardInterrupt in sections that accept it, and remembers the signal in others."""
 
     def __init__(self) -> None:
-        self._accepting = False
-        self._pending = False
-        self._raised = False
+        self._accepting = self._pending = self._raised = False
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         if self._accepting:

@@ -174,9 +174,8 @@ class Verdict(SummaryMixin):
     @cached_property
     def failures(self) -> tuple[Finding, ...]:
         """Findings that fail and are not accepted."""
-        return tuple(
-            each for each in self.findings if each.severity is Severity.FAILS and each.kind not in self.accepted
-        )
+        failing = (each for each in self.findings if each.severity is Severity.FAILS)
+        return tuple(each for each in failing if each.kind not in self.accepted)
 
     @property
     def succeeded(self) -> bool:

@@ -325,8 +325,7 @@ class _AckermannRow(Rows):
         return self._row(at, -f_l * squares - f_r * both, -f_r * squares - f_l * both)
 
     def residual(self, at: PositionKinematics) -> np.ndarray:
-        f = self._shape(at)[0]
-        return np.stack([f], axis=-1)
+        return np.stack([self._shape(at)[0]], axis=-1)
 
     def mechanisms(self) -> tuple[JointCoupler]:
         return (JointCoupler(self._steering.left, self._steering.right, function=self._left_angle, period=np.pi),)
@@ -343,9 +342,8 @@ class _AckermannRow(Rows):
         left, right = (pivot.joint for pivot in self._pivots)
         continuous = left.continuous + 2 * right.continuous
         integers = (left.idx_q, left.idx_v, right.idx_q, right.idx_v, continuous)
-        return [
-            KernelRow(Form.ACKERMANN, (), integers, [self._ratio, *(pivot.sign for pivot in self._pivots), self._reach])
-        ]
+        numbers = [self._ratio, *(pivot.sign for pivot in self._pivots), self._reach]
+        return [KernelRow(Form.ACKERMANN, (), integers, numbers)]
 
 
 def _direction(pivot: _Pivot, q: Sequence[Component]) -> tuple[Component, Component]:

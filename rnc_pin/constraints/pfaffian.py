@@ -13,7 +13,7 @@ from numpy import ndarray as Array
 
 from rnc_pin._kernel.kernel_rows import KernelRow
 from rnc_pin.errors import ConstraintError
-from rnc_pin.math.linear_algebra import Component, apply
+from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.coordinates import Coordinates, left_jacobian
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics, over_states
 from rnc_pin.model.rows import OutputKind, OutputRows, Rows
@@ -229,20 +229,17 @@ class _PrescribedRows(FixedRows):
     def _over_times(self, at: PositionKinematics, order: int) -> Array:
         """Derivative (..., k) of the motion of an order from zero to two; angular ones for rotations."""
         batch = at.q.shape[:-1]
-        times: Component = at.t
         # One time for all states, as in a sampled run: the motion is called once.
-        if np.ndim(times) == 0:
-            return np.broadcast_to(self._at(float(times))[order], (*batch, len(self.names)))
-        return np.array([self._at(t)[order] for t in np.ravel(times).tolist()]).reshape(*batch, -1)
+        if np.ndim(at.t) == 0:
+            return np.broadcast_to(self._at(float(at.t))[order], (*batch, len(self.names)))
+        return np.array([self._at(t)[order] for t in np.ravel(at.t).tolist()]).reshape(*batch, -1)
 
     def _at(self, t: float) -> tuple[Array, Array, Array]:
         """Position, velocity and acceleration (k,) at a time."""
         # One call for all three: a motion of a user may take long.
-        position, velocity, acceleration = (
-            np.asarray(each, dtype=float)
-            for point in [self._motion.at(t + self._start_time)]
-            for each in (point.position, point.velocity, point.acceleration)
-        )
+        point = self._motion.at(t + self._start_time)
+        given = point.position, point.velocity, point.acceleration
+        position, velocity, acceleration = (np.asarray(each, dtype=float) for each in given)
         if self._output.rotation:  # from rates of the rotation vector to the angular velocity and its rate
             J, J_dot = left_jacobian(position, velocity)
             velocity, acceleration = J @ velocity, J @ acceleration + J_dot @ velocity

@@ -235,10 +235,7 @@ class RollingRows(DirectionRows):
         (axle,) = self.world_directions(rotation)
         check_defined(self.undefined, q, cast("float", wheel_level(axle, self._normal)), FLAT, self.names)
         found = cast("list[list[float]]", wheel_wrenches(axle, self._normal, self.radius))
-        if self.combination is None:
-            return found
-        combined: list[list[float]] = self.combination.dot(found).tolist()
-        return combined
+        return found if self.combination is None else self.combination.dot(found).tolist()
 
     def _contact(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
         """Contact points (..., 3), and the directions of rolling, lateral and vertical rows there (..., 3, 3)."""
