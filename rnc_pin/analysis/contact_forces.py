@@ -136,17 +136,12 @@ class ContactForceSet:
             rows: all constraint rows there.
         """
         _, values, right = np.linalg.svd(self._effects(rows, self._lines(q))[0], full_matrices=False)
-        # Scaled to zero in place of left out, so that all samples stay in one array.
-        return self._directions(right * self._counted(values)[:, :, None])
-
-    def _counted(self, values: Array) -> Array:
-        """Mask of the singular values (N, s) of W that are not zero.
-
-        Near configurations at which constraint rows are dependent, there are values of the size of the residual. No
-        more count than where the robot is assembled.
-        """
         least = 1e-10  # part of the largest singular value below which one counts as zero
-        return (values > least * values[:, :1]) & (np.arange(values.shape[1]) < self._rank)
+        # Near configurations at which constraint rows are dependent, there are values of the size of the residual. No
+        # more count than where the robot is assembled.
+        counted = (values > least * values[:, :1]) & (np.arange(values.shape[1]) < self._rank)
+        # Scaled to zero in place of left out, so that all samples stay in one array.
+        return self._directions(right * counted[:, :, None])
 
     @cached_property
     def _rank(self) -> int:
@@ -197,28 +192,6 @@ class ContactForceSet:
         axles = np.zeros((len(normal_forces), self.selection.shape[-1] - self._rows - int(self._by_motion.sum())))
         unknowns = np.concatenate([contact_forces, normal_forces[:, self._by_motion], axles], axis=1)
         return np.einsum("mky,ny->nmk", self.selection, unknowns)
-
-
-def linked_contacts(free: Float[Array, "N m k d"]) -> Bool[Array, "N m m"]:
-    """Pairs of contacts that a common choice changes, from free directions; with itself, if a contact has a choice.
-
-    Args:
-        free: free directions, as ``ContactForceSet.free`` returns them.
-    """
-    N, m, k, d = free.shape
-    flat = free.reshape(N, m * k, d)
-    return (np.abs(flat @ flat.mT) > _FREE**2).reshape(N, m, k, m, k).any(axis=(2, 4))
-
-
-def dependent_groups(linked: Bool[Array, "m m"]) -> list[list[int]]:
-    """Groups of contacts that choices link, from all linked pairs; contacts without a choice are in no group.
-
-    Args:
-        linked: True for pairs of contacts that a common choice changes.
-    """
-    chosen = np.flatnonzero(linked.diagonal())
-    _, group = scipy.sparse.csgraph.connected_components(linked[np.ix_(chosen, chosen)])
-    return [chosen[group == each].tolist() for each in dict.fromkeys(group.tolist())]
 
 
 class Grip(SummaryMixin):
@@ -352,11 +325,20 @@ class Grip(SummaryMixin):
         return shares.reshape(*batch, len(self.names))
 
 
-def _alike(free: Array) -> Iterator[tuple[list[int], list[int]]]:
-    """Samples in which the forces of a group of contacts depend on each other, and the group."""
+def _alike(free: Float[Array, "N m k d"]) -> Iterator[tuple[list[int], list[int]]]:
+    """Samples in which the forces of a group of contacts depend on each other, and the group.
+
+    Contacts without a choice are in no group.
+    """
+    N, m, k, d = free.shape
+    flat = free.reshape(N, m * k, d)
+    # Pairs of contacts that a common choice changes; of a contact with itself, if it has a choice.
+    pairs = (np.abs(flat @ flat.mT) > _FREE**2).reshape(N, m, k, m, k).any(axis=(2, 4))
     # Samples with the same pattern of dependence are solved in one stack.
-    patterns, which = np.unique(linked_contacts(free), axis=0, return_inverse=True)
+    patterns, which = np.unique(pairs, axis=0, return_inverse=True)
     for number, linked in enumerate(patterns):
         samples = np.flatnonzero(which.reshape(-1) == number).tolist()
-        for group in dependent_groups(linked):
-            yield samples, group
+        chosen = np.flatnonzero(linked.diagonal())
+        _, group = scipy.sparse.csgraph.connected_components(linked[np.ix_(chosen, chosen)])
+        for each in dict.fromkeys(group.tolist()):
+            yield samples, chosen[group == each].tolist()

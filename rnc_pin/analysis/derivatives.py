@@ -132,11 +132,9 @@ def _stacked(found: list[StateDerivatives], reduced: ReducedModel) -> StateDeriv
     n, r, p = reduced.n, reduced.r, reduced.p
     shapes = ((n,), (r,), (n, n), (n, r), (r, n), (r, r), (r, p), ())
     names = [each.name for each in fields(StateDerivatives)]
-    stacks = {
-        name: np.array([getattr(each, name) for each in found]).reshape(len(found), *shape)
-        for name, shape in zip(names, shapes, strict=True)
-    }
-    return StateDerivatives(**stacks)
+    values = ([getattr(each, name) for each in found] for name in names)
+    stacks = [np.reshape(each, (len(found), *shape)) for each, shape in zip(values, shapes, strict=True)]
+    return StateDerivatives(*stacks)
 
 
 def _at_one_state(reduced: ReducedModel, state: StateEvaluation, T: Array) -> StateDerivatives:

@@ -204,16 +204,14 @@ class _Search:
             row, gap = self._reduced.assembly.worst(here.q)
             apart = f", and {row} is left {abs(gap):.3g} from zero"
         kind = "equilibrium" if self._symmetries is None else "steady motion"
-        near = f"no {kind} found near the guess: at best"
         if (np.abs(here.shape_rates) > _ROUNDED * self._size).any():
             worst = int(np.argmax(np.abs(here.shape_rates)))
             name = self._reduced.robot.velocity_names[worst]
-            return ConstraintError(
-                f"{near} the shape variable '{name}' moves by {here.shape_rates[worst]:.3g} a second{apart}"
-            )
-        worst = int(np.argmax(np.abs(here.v2_dot)))
-        changes = f"the rate of '{here.names[worst]}' changes by {here.v2_dot[worst]:.3g} a second"
-        return ConstraintError(f"{near} {changes}{apart}")
+            changes = f"the shape variable '{name}' moves by {here.shape_rates[worst]:.3g} a second"
+        else:
+            worst = int(np.argmax(np.abs(here.v2_dot)))
+            changes = f"the rate of '{here.names[worst]}' changes by {here.v2_dot[worst]:.3g} a second"
+        return ConstraintError(f"no {kind} found near the guess: at best " + changes + apart)
 
     def _ahead(self, here: _Point) -> _Point | None:
         """Return the point after Newton's step, halved until the residual decreases; None if it never does."""

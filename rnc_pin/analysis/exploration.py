@@ -261,9 +261,8 @@ class _Exploring:
         groups = [[find_output(reduced, one, "a candidate has to be") for one in each] for each in together]
         used = [*chosen, *(pair for group in groups for pair in group)]
         blocks = (place.block for stack, _ in used for place in stack.places)
-        self._outputs = OutputStack(
-            list({each.names: each for each in blocks if isinstance(each, OutputRows)}.values())
-        )
+        outputs = {each.names: each for each in blocks if isinstance(each, OutputRows)}
+        self._outputs = OutputStack(list(outputs.values()))
         self._names = self._outputs.names
         self._first = [self._names.index(name) for name in self._primary]
         self._evaluator = evaluator_for(reduced.reduction_data.measuring(self._outputs), reduced.evaluator)

@@ -261,13 +261,8 @@ def grow(reduced: ReducedModel, q: np.ndarray, reach: int = 0, limit: int = DEEP
     vector = (*first, *found.dimensions)
     longest = len(found.dimensions) == limit
     last = vector.index(vector[-1]) + 1  # the levels after it add nothing
-    return Growth(
-        vector[: max(last, 1)],
-        found.basis,
-        min(margin, found.margin),
-        found.doubtful or (longest and vector[-1] < reduced.n),
-        longest and vector[-1] < reach,
-    )
+    doubtful, cut = found.doubtful or (longest and vector[-1] < reduced.n), longest and vector[-1] < reach
+    return Growth(vector[: max(last, 1)], found.basis, min(margin, found.margin), doubtful, cut)
 
 
 @dataclass(frozen=True)

@@ -103,8 +103,7 @@ class BracketJets:
 
     def pairs(self) -> np.ndarray:
         """Return the exact brackets (nv, pairs) of two generators at q."""
-        fields, gradient = self._fields(self.q[None])
-        return self._of_pairs(fields, gradient)[0]
+        return self._of_pairs(*self._fields(self.q[None]))[0]
 
     def draw(self, order: int, time: float, generator: np.random.Generator) -> Jets:
         """Return the Taylor coefficients of brackets pulled back along a random flow, each in units of its size.
@@ -158,8 +157,7 @@ class BracketJets:
             q, step = self._flow(q, times, direction, order)
             # The inverse derivative of the flow so far carries fields at its end back to q.
             back = back @ np.linalg.inv(step)
-            fields, gradient = self._fields(q)
-            found.append(back @ self._of_pairs(fields, gradient))
+            found.append(back @ self._of_pairs(*self._fields(q)))
         return np.concatenate(found, axis=-1)
 
     def _steps(
@@ -189,9 +187,8 @@ class BracketJets:
         k, n = len(start), self.reduced.n
         weights, ends = _gauss_legendre(order // 2 + 1)
         c = len(ends)
-        points, along, step = self._steps(
-            start, times, np.broadcast_to(direction, (k, len(direction))), order, self._generators
-        )
+        same = np.broadcast_to(direction, (k, len(direction)))
+        points, along, step = self._steps(start, times, same, order, self._generators)
         fields, gradient = self._fields(points)
         v = np.einsum("pnr,pr->pn", fields, along).reshape(k * c, 1, n)
         carried = np.moveaxis(self._bracket(np.broadcast_to(v, (k * c, n, n)), np.eye(n) + 0 * v), 1, 2)

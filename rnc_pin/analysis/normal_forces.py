@@ -306,9 +306,11 @@ class NormalForces:
             count = int(np.prod(batch))
             flat = [each.reshape(count, each.shape[-1]) for each in (state.q, state.v, v_dot, T, forces)]
             q, v, v_dot, T, known = flat
+            lines, others = self.lines(q), ~self.carried_by_row
+            gives, couples = self.plane_effects(lines)
             # Forces that rows carry are known by now: the balance of motion gives the others beside them.
-            lines = self.lines(q)
-            known[:, ~self.carried_by_row] = self._of_motion(lines, self.plane_needs(lines, q, v, v_dot, T), known)
+            needed = self.plane_needs(lines, q, v, v_dot, T) - np.matvec(gives, known)
+            known[:, others] = balanced(gives[..., others], couples, needed)
             forces = known.reshape(forces.shape)
         return forces
 
@@ -393,11 +395,6 @@ class NormalForces:
         ground = lines.points[..., 2].min(axis=1)
         force, moment = wrenches[:, :3], wrenches[:, 3:]
         return np.stack([force[:, 2], moment[:, 0] + ground * force[:, 1], moment[:, 1] - ground * force[:, 0]], axis=1)
-
-    def _of_motion(self, lines: ContactLines, needed: Array, known: Array) -> Array:
-        """Forces (N, c) of the contacts without a height row, for needed effects (N, 3)."""
-        gives, couples = self.plane_effects(lines)
-        return balanced(gives[..., ~self.carried_by_row], couples, needed - np.matvec(gives, known))
 
     def lines(self, at: Float[Array, "N nq"] | StateEvaluation) -> ContactLines:
         """Return the points of the contacts and the directions of their forces.

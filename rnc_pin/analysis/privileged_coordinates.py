@@ -92,9 +92,8 @@ class PrivilegedCoordinates(ReprMixin):
     @property
     def polynomials(self) -> tuple[dict[tuple[int, ...], float], ...]:
         """Polynomial of each coordinate: coefficients by the powers of the coordinates."""
-        return tuple(
-            {tuple(map(int, p)): float(value) for p, value in zip(*each, strict=True)} for each in self._polynomials
-        )
+        terms = (zip(*each, strict=True) for each in self._polynomials)
+        return tuple({tuple(map(int, p)): float(value) for p, value in each} for each in terms)
 
     def values(self, q: ArrayLike) -> Float[Array, "*n c"]:
         """Coordinates z of configurations (..., nq).

@@ -45,11 +45,9 @@ class Evidence:
 
     def to_dict(self) -> dict[str, Json]:
         """Return lists, numbers and strings that JSON can store."""
-        steering = "d(A3 v21)/dx22"
-        known = {
-            steering if name == "steering" else name: value for name, value in asdict(self).items() if value is not None
-        }
-        return to_json_mapping(known, "evidence")
+        known = asdict(self)
+        steering = known.pop("steering")
+        return to_json_mapping(known if steering is None else {**known, "d(A3 v21)/dx22": steering}, "evidence")
 
 
 @printed()

@@ -55,10 +55,8 @@ def integrability(reduced: ReducedModel, configurations: Sequence[np.ndarray] | 
     clear = 1e6  # margin above which a closure is accurate enough to judge rows
     growths = [(growth, q) for growth, q in growths if growth.margin >= min(clear, clearest)]
     names = reduced.constraints.names
-    rows = [reduced.at(q).A for _, q in growths]
-    leftover = np.array(
-        [np.linalg.norm(unit_rows(A) @ growth.closure, axis=1) for A, (growth, _) in zip(rows, growths, strict=True)]
-    ).max(axis=0)
+    outside = [np.linalg.norm(unit_rows(reduced.at(q).A) @ growth.closure, axis=1) for growth, q in growths]
+    leftover = np.max(outside, axis=0)
     tolerance = 1e-5  # for unit rows; the closure is as accurate as the brackets
     flat = leftover < tolerance
     return Integrability(
