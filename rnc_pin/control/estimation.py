@@ -143,16 +143,14 @@ class EstimatedModel(ReducedModel):
 
     def _new_copy(self) -> _OwnedCopy:
         copied, known = self._make_copy(), self._reduced.reduction_data
-        robot = Robot(copied.model)
+        rows, robot = copied.rows, Robot(copied.model)
         count = 12  # as many as a system takes for the scales of its rows
         if self._scales is None:  # the scales of the true rows are unknown
             generator = np.random.default_rng(0)
             samples = np.stack([robot.random_configuration(generator) for _ in range(count)])
-            self._scales = row_scales(robot, copied.rows, known.reducing, samples)
-        data = replace(
-            known, robot=robot, rows=copied.rows, scales=self._scales, free=False, kinematics=Kinematics(robot)
-        )
-        return _OwnedCopy(evaluator_for(data), copied.set_parameters, copied.rows is not known.rows)
+            self._scales = row_scales(robot, rows, known.reducing, samples)
+        data = replace(known, robot=robot, rows=rows, scales=self._scales, free=False, kinematics=Kinematics(robot))
+        return _OwnedCopy(evaluator_for(data), copied.set_parameters, rows is not known.rows)
 
 
 class _OwnedCopy:

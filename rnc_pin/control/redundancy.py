@@ -75,11 +75,11 @@ class RedundancyController(DescribedMixin):
         secondary: Secondary | None = None,
     ) -> None:
         # (12) solves for v22: with fewer redundant than vertical outputs it has no solution.
+        outputs = task.redundant_names, task.vertical_names
+        counts = " and ".join(f"{len(names)} ({', '.join(names) or 'none'})" for names in outputs)
         if not 0 < len(task.vertical) <= len(task.redundant):
             raise ConfigurationError(
-                f"the class-1 controller needs as many redundant as vertical outputs, found {len(task.redundant)} "
-                f"({', '.join(task.redundant_names) or 'none'}) and {len(task.vertical)} "
-                f"({', '.join(task.vertical_names) or 'none'})"
+                f"the class-1 controller needs as many redundant as vertical outputs, found {counts}"
             )
         check_size(primary, len(task.primary), "primary")
         check_size(vertical, len(task.vertical), "vertical")
@@ -91,9 +91,7 @@ class RedundancyController(DescribedMixin):
         # A square A4 leaves nothing to choose.
         if secondary is not None and len(task.redundant) <= len(task.vertical):
             raise ConfigurationError(
-                "a secondary objective has no freedom left: needs more redundant than vertical outputs, found "
-                f"{len(task.redundant)} ({', '.join(task.redundant_names) or 'none'}) and {len(task.vertical)} "
-                f"({', '.join(task.vertical_names) or 'none'})"
+                f"a secondary objective has no freedom left: needs more redundant than vertical outputs, found {counts}"
             )
         self.secondary = secondary
 

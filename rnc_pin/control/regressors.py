@@ -237,11 +237,8 @@ class WheelRegressor:
         Args:
             system: a system with the same wheels. A common radius is the mean of its wheels' radii.
         """
-        radii = {
-            place.block.wheel: place.block.radius
-            for place in system.rows.places
-            if isinstance(place.block, RollingRows)
-        }
+        rolling = (place.block for place in system.rows.places if isinstance(place.block, RollingRows))
+        radii = {rows.wheel: rows.radius for rows in rolling}
         values: list[list[float]] = [[] for _ in self.names]
         for wheel in self._unknown:
             if wheel.radius is not None:

@@ -156,10 +156,8 @@ class TwistController(ReprMixin):
         if np.nan_to_num(wanted).any():
             left = np.abs(aimed - self.dt * rates)
             stopped = left * (share < _STILL)  # another joint of the linkage is at its limit
-            cuts = (
-                *self._cuts(motion, wanted, left - stopped, np.maximum(beyond, stopped)),
-                *self._scaling(scale, joint, along, bounds),
-            )
+            unmet = self._cuts(motion, wanted, left - stopped, np.maximum(beyond, stopped))
+            cuts = (*unmet, *self._scaling(scale, joint, along, bounds))
         u = self._reduced.actuation.matrix(motion.position).T @ v
         return TwistCommand(v[self._entries], reached, v, u, cuts), TwistState(aim / self._scale, reached, rates)
 
@@ -195,10 +193,8 @@ class TwistController(ReprMixin):
         allowed, bounds = self._nearest(motion, goal, waits=0.0), self._bounds(q, self.dt, self._limits)
         along = motion.moving @ allowed
         scale, joint = _largest_share(along, 0.0, bounds)
-        cuts = (
-            *self._cuts(motion, wanted, 0.0 * left, np.maximum(beyond, np.abs(left))),
-            *self._scaling(scale, joint, along, bounds),
-        )
+        unmet = self._cuts(motion, wanted, 0.0 * left, np.maximum(beyond, np.abs(left)))
+        cuts = (*unmet, *self._scaling(scale, joint, along, bounds))
         return FeasibleTwist(scale * allowed / self._scale, q, scale * along, cuts)
 
     def aimed(
