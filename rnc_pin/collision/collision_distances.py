@@ -263,9 +263,8 @@ class CollisionDistances:
         self._own_rotations, self._own_origins = own[:, :3, :3].copy(), own[:, :3, 3].copy()
         self._link_carriers = np.array(self.carriers[: len(shapes)])
         self._moving = [k for k, obstacle in enumerate(self.obstacles) if obstacle.motion is not None]
-        boxes = [
-            bounding_box(*each) for each in zip(self.shapes, [*(each.name for each in shapes), *names], strict=True)
-        ]
+        titles = [*(each.name for each in shapes), *names]
+        boxes = [bounding_box(*each) for each in zip(self.shapes, titles, strict=True)]
         self._centers, self._halves = (np.array([box[k] for box in boxes]) for k in (0, 1))
         self.radii = np.linalg.norm(self._halves, axis=1)
         poses = self._own_rotations, self._own_origins
@@ -398,14 +397,9 @@ class CollisionDistances:
         at = _carried(joints, self._link_carriers, rotations, places, self._centers)
         up = np.array([0.0, 0.0, 1.0])  # obstacles that move turn by yaw
         axes = np.matvec(turns, self._axes), np.broadcast_to(up, (len(q), len(moving), 3))
-        return PlacedBodies(
-            at.rotations,
-            self.spinning.without_spin(at.rotations, turns),
-            at.origins,
-            at.middles,
-            np.concatenate([origins, at.origins[:, moving]], axis=1),
-            np.concatenate(axes, axis=1),
-        )
+        still = self.spinning.without_spin(at.rotations, turns)
+        pivots = np.concatenate([origins, at.origins[:, moving]], axis=1)
+        return PlacedBodies(at.rotations, still, at.origins, at.middles, pivots, np.concatenate(axes, axis=1))
 
     def lower_bounds(self, placed: PlacedBodies, pairs: np.ndarray) -> np.ndarray:
         """Lower bounds (n, k) of the distances of pairs [m], by bounding volumes.
@@ -426,15 +420,11 @@ class CollisionDistances:
         """
         # coal keeps one pose for each shape: all pairs of a place are measured before the shapes move on.
         ends = np.flatnonzero(np.diff(places, append=-1)) + 1
-        return np.concatenate(
-            [np.zeros((0, NUMBERS))]
-            + [
-                self._measurement.measure(
-                    pairs[start:end], placed.rotations[places[start]], placed.origins[places[start]]
-                )
-                for start, end in pairwise([0, *ends.tolist()])
-            ]
-        )
+        found = [np.zeros((0, NUMBERS))]
+        for start, end in pairwise([0, *ends.tolist()]):
+            place = places[start]
+            found.append(self._measurement.measure(pairs[start:end], placed.rotations[place], placed.origins[place]))
+        return np.concatenate(found)
 
     # ------------------------------------------------------------------ set-up
 

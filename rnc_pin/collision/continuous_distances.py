@@ -233,9 +233,8 @@ class _Search:
         known = np.empty((len(places), len(every), 4))
         for part in _chunks(len(places), len(every)):
             known[part] = _near(self._distances, PlacedBodies(*(each[part] for each in bodies)), every, self._within)
-            self._keep(
-                np.repeat(places[part], len(every)), np.tile(every, len(known[part])), known[part].reshape(-1, 4)
-            )
+            at = np.repeat(places[part], len(every))
+            self._keep(at, np.tile(every, len(known[part])), known[part].reshape(-1, 4))
         paths = self._motion.paths(np.column_stack([self._places[:-1], self._places[1:]]))
         means = 0.5 * (known[:-1, :, 0] + known[1:, :, 0])
         # Most pairs of a robot are far apart: a bound for all pairs at once leaves few entries.
@@ -257,15 +256,8 @@ class _Search:
         entries, middle = entries.chosen(order), numbers[of_segment[order]]
         measured = self._distances.measure(self._bodies, middle, entries.pair)[:, :4]
         self._keep(middle, entries.pair, measured)
-        return self._undecided(
-            PairEnds(
-                np.concatenate([entries.start, middle]),
-                np.concatenate([middle, entries.end]),
-                np.tile(entries.pair, 2),
-                np.concatenate([entries.at_start, measured]),
-                np.concatenate([measured, entries.at_end]),
-            )
-        )
+        before, after = entries._replace(end=middle, at_end=measured), entries._replace(start=middle, at_start=measured)
+        return self._undecided(PairEnds(*map(np.concatenate, zip(before, after, strict=True))))
 
     def _undecided(self, entries: PairEnds) -> PairEnds:
         """Entries whose distance may fall below the smallest one that is known: the cheapest bound decides first."""

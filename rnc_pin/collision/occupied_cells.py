@@ -93,12 +93,8 @@ def cells_around(points: ArrayLike, side: float, name: str = "cells") -> tuple[O
     occupied = np.zeros(count.astype(int).tolist(), dtype=bool)
     occupied[tuple((places - first).astype(int).T)] = True
     found = _few_boxes(occupied, title, "a larger 'side'")
-    return tuple(
-        Obstacle(
-            coal.Box(*(side * box[3:]).tolist()), position=side * (first + box[:3] + 0.5 * box[3:]), name=f"{name} {k}"
-        )
-        for k, box in enumerate(found, start=1)
-    )
+    boxes = [(coal.Box(*(side * box[3:]).tolist()), side * (first + box[:3] + 0.5 * box[3:])) for box in found]
+    return tuple(Obstacle(shape, position=at, name=f"{name} {k}") for k, (shape, at) in enumerate(boxes, start=1))
 
 
 # ------------------------------------------------------------------ maps

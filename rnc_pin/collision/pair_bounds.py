@@ -61,9 +61,8 @@ class JointSteps:
 
     def __init__(self, model: pin.Model, q: Float[Array, "N nq"]) -> None:
         self._count = model.njoints
-        self._parts = [
-            part for index in range(1, model.njoints) for part in _parts(index, model.joints[index], 0.0, np.abs(q))
-        ]
+        joints = enumerate(list(model.joints)[1:], start=1)
+        self._parts = [part for index, joint in joints for part in _parts(index, joint, 0.0, np.abs(q))]
 
     def of(self, steps: Float[Array, "k nv"]) -> tuple[Float[Array, "k njoints"], Float[Array, "k njoints"]]:
         """Rotations [rad] and translations [m] of the joints along steps (k, nv); the universe has none.
@@ -510,9 +509,8 @@ class PairBounds:
             world = placed.still[place, one].swapaxes(1, 2)
             shift = placed.origins[place, other] - placed.origins[place, one]
             normal = np.matvec(world, sign * numbers[:, 1:])
-            poses.append(
-                (placed.still[place, other].swapaxes(1, 2) @ world.swapaxes(1, 2), np.matvec(world, shift), normal)
-            )
+            turn = placed.still[place, other].swapaxes(1, 2) @ world.swapaxes(1, 2)
+            poses.append((turn, np.matvec(world, shift), normal))
         turns, shifts, normals = (np.array(each) for each in zip(*poses, strict=True))
         inner = -np.matvec(turns, normals[:, None])
         bodies = np.concatenate([np.tile(one, 2), np.tile(other, 4)])

@@ -190,9 +190,7 @@ class PairMeasurement:
         self._result = result
         # Arguments are made once: placements are written into the same objects.
         poses = self._poses
-        self._arguments = [
-            (shapes[a], poses[a], shapes[b], poses[b], request, result) for a, b in (pair[:2] for pair in pairs)
-        ]
+        self._arguments = [(shapes[a], poses[a], shapes[b], poses[b], request, result) for a, b, _ in pairs]
 
     def measure(
         self, pairs: Int[np.ndarray, " k"], rotations: Float[np.ndarray, "s 3 3"], origins: Float[np.ndarray, "s 3"]

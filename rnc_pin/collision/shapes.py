@@ -154,15 +154,11 @@ class SpinningShapes:
         of_revolution = (coal.Cylinder, coal.Capsule, coal.Cone)  # about the z axes of their frames
         for k, joint in enumerate(carriers.tolist()):
             axis = axes[joint]
-            if (
-                np.isnan(axis).any()
-                or model.joints[joint].nv != 1
-                or not isinstance(shapes[k], (coal.Sphere, *of_revolution))
-            ):
+            turns = not np.isnan(axis).any() and model.joints[joint].nv == 1
+            if not turns or not isinstance(shapes[k], (coal.Sphere, *of_revolution)):
                 continue
-            tilt = (
-                0.0 if isinstance(shapes[k], coal.Sphere) else float(np.linalg.norm(np.cross(axis, rotations[k, :, 2])))
-            )
+            across = np.cross(axis, rotations[k, :, 2])
+            tilt = 0.0 if isinstance(shapes[k], coal.Sphere) else float(np.linalg.norm(across))
             # How far the axis of the shape is away from the joint's, at its middle and by its tilt.
             wobble = float(np.linalg.norm(np.cross(axis, origins[k]))) + tilt * float(radii[k])
             if wobble < most_wobble:
