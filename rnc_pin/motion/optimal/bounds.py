@@ -77,10 +77,9 @@ class NodeBound:
         self.units = ("",) * len(self.names) if units is None else tuple(units)
         # Infinity by name is a statement too: it takes the place of the limit of the file.
         self.stated = _stated(limits[0], self.names) | _stated(limits[1], self.names)
-        self.lower, self.upper = (
-            row_numbers(missing if given is None else given, self.names, "bound", missing)
-            for given, missing in zip(limits, (-np.inf, np.inf), strict=True)
-        )
+        lower, upper = (-np.inf if limits[0] is None else limits[0]), (np.inf if limits[1] is None else limits[1])
+        self.lower = row_numbers(lower, self.names, "bound", -np.inf)
+        self.upper = row_numbers(upper, self.names, "bound", np.inf)
         for name, low, high in zip(self.names, self.lower, self.upper, strict=True):
             if not low <= high:
                 raise InputError(f"bound of {name}: lower limit {low:g} is above upper limit {high:g}")
@@ -268,8 +267,7 @@ class GoalRows(NodeBound):
         self._model = model
         self.configuration: Array | None = None
         self._outputs: list[tuple[NodeOutputs, Array]] = []
-        names: list[str] = []
-        units: list[str] = []
+        names, units = list[str](), list[str]()
         if isinstance(goal, Mapping):
             for output, value in goal.items():
                 found = NodeOutputs(model.reduced, output)
@@ -303,12 +301,8 @@ class GoalRows(NodeBound):
     def values_of(self, bound: NodeBound) -> dict[str, float]:
         """Values that the goal states for rows of an output bound, by name, but for angles that repeat every turn."""
         if self.configuration is None:
-            return {
-                name: float(value)
-                for outputs, target in self._outputs
-                for name, value, angular in zip(outputs.names, target, outputs.angular, strict=True)
-                if not angular
-            }
+            found = (zip(outputs.names, target, outputs.angular, strict=True) for outputs, target in self._outputs)
+            return {name: float(value) for each in found for name, value, angular in each if not angular}
         nodes = NodeData(self._model, Nodes(self.configuration[None], np.zeros((1, self._model.nw))), None, np.zeros(1))
         return dict(zip(bound.names, bound.rows(nodes, False).value[0].tolist(), strict=True))
 
@@ -370,13 +364,8 @@ class FileLimits:
 
 
 def _rows_of(quantity: str, stated: Sequence[NodeBound]) -> set[str]:
-    return {
-        name
-        for bound in stated
-        if bound.quantity == quantity
-        for name, given in zip(bound.names, bound.stated, strict=True)
-        if given
-    }
+    found = (zip(bound.names, bound.stated, strict=True) for bound in stated if bound.quantity == quantity)
+    return {name for each in found for name, given in each if given}
 
 
 def _positions(model: ActionModel, replaced: set[str]) -> list[NodeBound]:
@@ -409,11 +398,8 @@ def _velocities(model: ActionModel, stated: Sequence[NodeBound]) -> list[NodeBou
 
 def _efforts(model: ActionModel, replaced: set[str]) -> list[NodeBound]:
     actuation = model.reduced.actuation
-    limits = {
-        name: float(limit)
-        for name, limit in zip(actuation.names, actuation.limits, strict=True)
-        if limit < np.inf and name not in replaced
-    }
+    of_file = zip(actuation.names, actuation.limits.tolist(), strict=True)
+    limits = {name: limit for name, limit in of_file if limit < np.inf and name not in replaced}
     return [InputBound({name: -limit for name, limit in limits.items()}, limits).bind(model)] if limits else []
 
 

@@ -143,9 +143,8 @@ def acceleration_rows(nodes: NodeData, derivatives: bool) -> RowValues:
     # The last state has no input, and so no acceleration with derivatives.
     if not derivatives or nodes.flow is None:
         return RowValues(nodes.acceleration)
-    return RowValues(
-        nodes.acceleration, np.concatenate([nodes.flow.v2_dot_q, nodes.flow.v2_dot_v2], axis=2), nodes.flow.v2_dot_T
-    )
+    by_state = np.concatenate([nodes.flow.v2_dot_q, nodes.flow.v2_dot_v2], axis=2)
+    return RowValues(nodes.acceleration, by_state, nodes.flow.v2_dot_T)
 
 
 def displacement_rows(q: Array, nodes: NodeData, derivatives: bool) -> RowValues:

@@ -239,10 +239,8 @@ def _circles(r: int, progress: Callable[[Array, Array, Array], Array]) -> tuple[
     effect = np.abs(progress(np.array(pairs), np.ones(len(pairs)), np.full(len(pairs), small)))
     chosen = [pairs[k] for k in np.argsort(-effect, kind="stable")[:_PAIRS]]
     signs = np.array([[a, b] for a in (1.0, -1.0) for b in (1.0, -1.0)])
-    circles = np.concatenate(
-        [sign[:, None] * pair[order] for pair in chosen for order in ([0, 1], [1, 0]) for sign in signs]
-    )
-    circles = circles.reshape(-1, 2, r)
+    orders = [0, 1], [1, 0]
+    circles = np.array([sign[:, None] * pair[order] for pair in chosen for order in orders for sign in signs])
     return np.repeat(circles, len(_TURNS), axis=0), np.tile(_TURNS, len(circles))
 
 

@@ -338,9 +338,8 @@ def _scaled(problem: LinearQuadratic, H: Array, g: Array) -> tuple[_Scaled, Arra
     G = np.concatenate([problem.C[row], problem.D[row] * problem.input_scales], axis=2) * unit[:, :, None]
     # Rows without a limit have a slack of one and no force: every node has arrays of one size.
     limit, active = np.where(active, limit, 1.0), active.astype(float)
-    return _Scaled(problem.scaled_dynamics, problem.gap, H, g, problem.H_end, problem.g_end, G, limit, active), tied[
-        row
-    ]
+    scaled = _Scaled(problem.scaled_dynamics, problem.gap, H, g, problem.H_end, problem.g_end, G, limit, active)
+    return scaled, tied[row]
 
 
 def _without_bounds(problem: LinearQuadratic, H: Array, g: Array, weight: float) -> tuple[Array, Array, int] | None:

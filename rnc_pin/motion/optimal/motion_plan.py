@@ -17,9 +17,8 @@ from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin, described,
 from rnc_pin.references.kinds import PiecewisePolynomial
 from rnc_pin.verdict import Finding, Verdict
 
-_QUINTIC = np.vstack(
-    [[[-6, 6, -3, -3, -0.5, 0.5], [15, -15, 8, 7, 1.5, -1], [-10, 10, -6, -4, -1.5, 0.5]], np.eye(6)[[4, 2, 0]]]
-)
+_HIGHEST = [[-6, 6, -3, -3, -0.5, 0.5], [15, -15, 8, 7, 1.5, -1], [-10, 10, -6, -4, -1.5, 0.5]]
+_QUINTIC = np.vstack([_HIGHEST, np.eye(6)[[4, 2, 0]]])
 _QUINTIC[3] /= 2
 """Coefficients in powers of the fraction of an interval, highest first, by values, rates and accelerations at ends."""
 _ARRAYS = ("time", "q", "w", "u", "K", "position", "velocity", "acceleration")
@@ -186,12 +185,10 @@ class MotionPlan(SummaryMixin):
         found = i.verification.decisive
         checked = f"violation {found.violation:.2g}"
         checked += f" of {found.name} at t = {found.at:.3g} s" if found.name else ""
+        end = [f"{value:.4g}" for value in self.position[-1, 1]]
         lines: list[Line] = [
             ("inputs", items(i.input_names)),
-            (
-                "outputs at the end [m or rad]",
-                items(i.output_names, [f"{value:.4g}" for value in self.position[-1, 1]]),
-            ),
+            ("outputs at the end [m or rad]", items(i.output_names, end)),
             ("configuration at the end [rad or m]", described(self.q[-1])),
             ("after verification", [Item(checked, f"accepted to {i.accuracy:.2g}")]),
             ("iterations", [Item(str(i.iterations), f"{i.solutions} of {i.guesses} guesses led to a motion")]),

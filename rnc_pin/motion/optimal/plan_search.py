@@ -54,11 +54,9 @@ def _measured(model: ActionModel, nodes: Nodes, u: Array) -> tuple[Array, Array,
     v1_dot = np.einsum("kij,kj->ki", seen.A_star, v2_dot) + np.einsum("kij,kj->ki", seen.A_star_dot, v2)
     if seen.v1_offset_dot is not None:
         v1_dot = v1_dot + seen.v1_offset_dot
-    return (
-        np.concatenate([seen.x2, seen.x1], axis=1),
-        np.concatenate([v2, seen.v1], axis=1),
-        np.concatenate([v2_dot, v1_dot], axis=1),
-    )
+    pairs = (seen.x2, seen.x1), (v2, seen.v1), (v2_dot, v1_dot)
+    position, velocity, acceleration = (np.concatenate(pair, axis=1) for pair in pairs)
+    return position, velocity, acceleration
 
 
 def _continue(coordinates: Coordinates, position: Array, velocity: Array, acceleration: Array) -> None:

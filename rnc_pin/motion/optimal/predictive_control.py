@@ -27,6 +27,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.motion.optimal.bounds import BoundKind, Goal, GoalRows
 from rnc_pin.motion.optimal.costs import CostKind
 from rnc_pin.motion.optimal.guesses import along
+from rnc_pin.motion.optimal.plan_search import limits_of
 from rnc_pin.motion.optimal.planner import build_problem, initial_node
 from rnc_pin.motion.optimal.sequential_quadratic import SequentialQuadratic, SolverSettings
 from rnc_pin.motion.optimal.set_point import (
@@ -174,8 +175,7 @@ class PredictiveController(DescribedMixin):
         self._stalls_at = None if self.set_point is not None else quadratic_set_point(self._model, self.costs)
         if self._stalls_at is not None:
             weights = ", ".join(map(str, self._stalls_at.coordinates.weights))
-            text = f"predictive control: weights {weights}: {QUADRATIC}"
-            warn(text)
+            warn(f"predictive control: weights {weights}: {QUADRATIC}")
         self._h = self.horizon / self.nodes
 
     @property
@@ -187,10 +187,8 @@ class PredictiveController(DescribedMixin):
         held = 0.01  # of a limit: the force is held for a sample, so that the acceleration departs from its bound
         return tuple(
             LimitedAcceleration(name.removesuffix("_dot"), "v2", names.index(name), low, high, held)
-            for bound in self._problem.bounds
-            if bound.quantity == "input"
-            for name, low, high in zip(bound.names, bound.lower.tolist(), bound.upper.tolist(), strict=True)
-            if np.isfinite(low) or np.isfinite(high)
+            for quantity, name, low, high in limits_of(self._problem)
+            if quantity == "input" and (np.isfinite(low) or np.isfinite(high))
         )
 
     def describe(self) -> Description:
@@ -292,19 +290,16 @@ class PredictiveController(DescribedMixin):
         if late or not (np.isfinite(at.u).all() and np.isfinite(gains).all()):
             return waiting._replace(missed=state.missed + 1)
         # The multipliers go into the state: a controller without memory of its own can be saved and resumed.
-        motion = waiting._replace(
-            begin=t + self.updates.delay, q=at.q, w=at.w, u=at.u, gains=gains, multipliers=solver.interior.multipliers
-        )
-        return motion._replace(updates=state.updates + 1, escapes=escapes)
+        motion = waiting._replace(begin=t + self.updates.delay, q=at.q, w=at.w, u=at.u, gains=gains, escapes=escapes)
+        return motion._replace(multipliers=solver.interior.multipliers, updates=state.updates + 1)
 
     def _following(self, t: float, plan: Iterate, state: PredictiveState) -> PredictiveState:
         """State that follows a plan to its end, without updates."""
         # The plan is longer than the horizon, and its feedback has to last to its end.
         gains = self._problem.changed(K=len(plan.u)).feedback_gains(plan)
         begin = t + self.updates.delay
-        return state._replace(
-            begin=begin, q=plan.q, w=plan.w, u=plan.u, gains=gains, multipliers=None, next_update=begin + plan.duration
-        )
+        motion = state._replace(begin=begin, q=plan.q, w=plan.w, u=plan.u, gains=gains)
+        return motion._replace(multipliers=None, next_update=begin + plan.duration)
 
     def _predicted(self, t: float, now: Nodes, state: PredictiveState) -> Nodes:
         """State at the end of the delay, under the inputs of the last motion."""
@@ -336,10 +331,8 @@ class PredictiveController(DescribedMixin):
         # The input of the nearest interval: one that is interpolated would be none of the last motion.
         places = np.minimum((since / self._h + 0.5).astype(int), len(state.u) - 1)
         u = state.u[places]
-        q, w = (
-            np.concatenate([first, of_nodes[places[:-1] + 1]])
-            for first, of_nodes in ((start.q, state.q), (start.w, state.w))
-        )
+        later = places[:-1] + 1
+        q, w = np.concatenate([start.q, state.q[later]]), np.concatenate([start.w, state.w[later]])
         last = self._model.step(Nodes(q[-1:], w[-1:]), u[-1:], np.array([self._h]))
         at = Iterate(np.concatenate([q, last.q]), np.concatenate([w, last.w]), u, self.horizon)
         return at, None if state.multipliers is None else state.multipliers[[*places, K]]

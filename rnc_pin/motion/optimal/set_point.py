@@ -111,8 +111,7 @@ class SetPoint:
         _, sizes, right = np.linalg.svd(J @ closure)
         rank = int((sizes > _FREE * sizes.max(initial=1.0)).sum())
         moves = np.abs(closure @ right[rank:].T).max(axis=1, initial=0.0) > _FREE
-        named = (name for name in robot.joint_names if moves[robot.velocity_indices(name)].any())
-        return tuple(str(name) for name in named)
+        return tuple(str(name) for name in robot.joint_names if moves[robot.velocity_indices(name)].any())
 
     def _coordinates(self) -> PrivilegedCoordinates:
         try:

@@ -80,14 +80,13 @@ class Transcription:
         time_weight: float = 0.0,
     ) -> None:
         self.margins: dict[str, Array] = {}
-        self.reserve = 0.0
+        self.reserve = self.begin = 0.0
         self.model, self.start, self.K = model, start, K
         self.costs = list(costs)
         self.running = [each for each in costs if each.running]
         self.terminal = [each for each in costs if each.terminal]
         self.bounds, self.goal, self.duration, self.time_weight = list(bounds), goal, duration, time_weight
         self.free = duration[1] > duration[0]
-        self.begin = 0.0
         """Time of the first node [s], for references and obstacles that move."""
         blocks = [*self.bounds, *([] if goal is None else [goal])]
         ends = np.cumsum([len(each.names) for each in blocks]).tolist()

@@ -196,12 +196,10 @@ def _excesses(problem: Transcription, fine: Iterate, substeps: int, accuracy: fl
         peaks = _peaks(values, substeps) if block.of_state and block is not problem.goal else np.zeros(values.shape)
         beyond = np.maximum(low - values, values - high) + peaks
         for row, at in enumerate(beyond.argmax(axis=0).tolist()):
-            amount, value = float(beyond[at, row]), float(values[at, row])
+            amount, value, time = float(beyond[at, row]), float(values[at, row]), float(times[at])
             if amount > 0:
                 limit = float(high[at, row] if value - high[at, row] > low[at, row] - value else low[at, row])
-                yield Excess(
-                    block.quantity, block.titles[row], amount, block.units[row], float(times[at]), value, limit
-                )
+                yield Excess(block.quantity, block.titles[row], amount, block.units[row], time, value, limit)
     for bound in problem.bounds:
         if isinstance(bound, DistanceRows):
             yield from _too_near(bound, times, fine.q, accuracy)
@@ -257,9 +255,8 @@ def excess_text(excess: Excess) -> str:
         return f"{excess.title} is missed by {excess.amount:.3g}{unit} {when}"
     if excess.quantity == "distance" and excess.value < -CONTACT:
         return f"{excess.title}: they penetrate each other by {-excess.value:.3g} m {when}"
-    return (
-        f"{excess.title} is {excess.value:.4g}{unit} {when}, beyond the limit {excess.limit:.4g} by {excess.amount:.3g}"
-    )
+    beyond = f"beyond the limit {excess.limit:.4g} by {excess.amount:.3g}"
+    return f"{excess.title} is {excess.value:.4g}{unit} {when}, {beyond}"
 
 
 def _of_row(excess: Excess, form: str) -> Finding:

@@ -289,10 +289,8 @@ class _Problem:
         if self._collisions is None:
             return {}
         near = self._collisions.at(q, within=self._clearance)
-        return {
-            self._collisions.pairs[int(pair)].label: float(distance)
-            for pair, distance in zip(near.pairs, near.distance, strict=True)
-        }
+        labels = [self._collisions.pairs[pair].label for pair in near.pairs.tolist()]
+        return dict(zip(labels, near.distance.tolist(), strict=True))
 
     def result(self, q: np.ndarray, tolerance: float, starts: int, steps: int) -> IkResult:
         residuals = self.targets.residuals(self.targets.error(self._kinematics.position(q)))
@@ -370,17 +368,11 @@ class TangentBounds:
 
     def __init__(self, model: pin.Model, lower: np.ndarray, upper: np.ndarray, held: np.ndarray) -> None:
         self.model, self.held = model, held
-        entries = [
-            (joint.idx_q + k, joint.idx_v + k)
-            for joint in list(model.joints)[1:]
-            if joint.nq == joint.nv
-            for k in range(joint.nv)
-        ]
-        bounded = [
-            (iq, iv) for iq, iv in entries if lower[iq] < upper[iq] and (lower[iq] > -NO_LIMIT or upper[iq] < NO_LIMIT)
-        ]
-        self.q_index = np.array([iq for iq, _ in bounded], dtype=int)
-        self.v_index = np.array([iv for _, iv in bounded], dtype=int)
+        joints = [joint for joint in list(model.joints)[1:] if joint.nq == joint.nv]
+        entries = [(joint.idx_q + k, joint.idx_v + k) for joint in joints for k in range(joint.nv)]
+        iq, iv = np.array(entries, dtype=int).reshape(-1, 2).T
+        bounded = (lower[iq] < upper[iq]) & ((lower[iq] > -NO_LIMIT) | (upper[iq] < NO_LIMIT))
+        self.q_index, self.v_index = iq[bounded], iv[bounded]
         self.lower, self.upper = lower[self.q_index], upper[self.q_index]
 
     def clip(self, q: np.ndarray) -> np.ndarray:

@@ -166,9 +166,7 @@ def _problem_of(reduced: ReducedModel, checker: WayChecker | None, q: Array) -> 
         name = reduced.robot.velocity_names[int(bounds.v_index[worst])]
         return f"is beyond the position limit of joint '{name}' by {moved.max():.3g}"
     near = None if checker is None else checker.violation(q)
-    if near is None:
-        return ""
-    return f"is too near: {near[0]} are {near[1]:.3g} m apart"
+    return "" if near is None else f"is too near: {near[0]} are {near[1]:.3g} m apart"
 
 
 def position_limits(reduced: ReducedModel) -> TangentBounds:
@@ -230,15 +228,8 @@ def goal_configurations(
 
     def reached(begin: Array, starts: int, besides: CollisionDistances | None = None) -> tuple[IkResult, Array, str]:
         """Result of inverse kinematics, its configuration as the end of an exact motion, and the problem with it."""
-        result = solve_ik(
-            reduced,
-            begin,
-            goal,
-            hold=hold,
-            search=IkSearch(starts=starts, seed=seed),
-            collisions=besides,
-            clearance=clearance,
-        )
+        search = IkSearch(starts=starts, seed=seed)
+        result = solve_ik(reduced, begin, goal, hold=hold, search=search, collisions=besides, clearance=clearance)
         q = np.array(result.q) if steering is None else steering.prepared(result.q)
         return result, q, _problem_of(reduced, checker, q)
 

@@ -316,9 +316,8 @@ class PropagatedSearch:
         if np.abs(self._missed(q[-1:], self._goal[None])).max() > _END or not self._within(q):
             return None
         self._budget.motions += 1
-        motion = ExactMotion(
-            q, self._flow.velocity(q[:-1], np.repeat(inputs / counts[:, None], counts, axis=0)), geodesic=False
-        )
+        steps = self._flow.velocity(q[:-1], np.repeat(inputs / counts[:, None], counts, axis=0))
+        motion = ExactMotion(q, steps, geodesic=False)
         if self._checker is not None and not self._checker.is_free(motion):
             return None
         self._nodes, self._inputs = nodes, inputs

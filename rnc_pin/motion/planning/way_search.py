@@ -348,9 +348,8 @@ class WaySearch:
         """Free motion between two configurations; None if there is none."""
         key = first.tobytes(), second.tobytes()
         if key not in self._known:
-            self._known[key] = next(
-                (each for each in self._steering.motions(first, second) if self.is_free(each)), None
-            )
+            free = (each for each in self._steering.motions(first, second) if self.is_free(each))
+            self._known[key] = next(free, None)
         # Of what hangs together with the start, the nearest to a goal is what the message of a failure names.
         if self._known[key] is not None and key[0] in self._reached and key[1] not in self._reached:
             self._reached.add(key[1])
