@@ -19,7 +19,13 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import NO_EFFECT, StateEvaluation
 from rnc_pin.motion.whole_body.braking_motion import BrakedSample, Braking, BrakingState
 from rnc_pin.motion.whole_body.limit_stack import ContactBounds, ContactCones, ProgramBounds
-from rnc_pin.motion.whole_body.limits.control_limit import ControlLimit, ControlSample, LimitRows, known_state
+from rnc_pin.motion.whole_body.limits.control_limit import (
+    ControlLimit,
+    ControlSample,
+    LimitRows,
+    known_state,
+    turning_velocities,
+)
 from rnc_pin.motion.whole_body.task_hierarchy import MotionBasis, SampledDamping, TaskLevels, solve_within
 from rnc_pin.motion.whole_body.tasks import ControlTask
 from rnc_pin.motion.whole_body.whole_body_program import SampleCount, WholeBodyProgram
@@ -366,21 +372,21 @@ class InverseDynamicsQP(WholeBodyProgram):
         )
         for attempt in range(0 if far or found.unsolved or not motions else _CORRECTIONS + 1):
             end, steps = self._end(state, program.efforts(found.unknowns), steps)  # what one needs, the next ones do
-            reached, averaged = rows.jacobian @ end.v, self._limits.averaged[rows.places]
-            mean = np.where(averaged, rows.jacobian @ self._mean_velocity(state, end), reached)
-            beyond = np.maximum(np.maximum(reached, mean) - rows.upper, rows.lower - np.minimum(reached, mean))
+            reached, throughout = rows.jacobian @ end.v, self._limits.throughout[rows.places]
+            turning = np.where(throughout, rows.jacobian @ self._turning_velocities(state, end), reached)
+            beyond = np.maximum(np.maximum(reached, turning) - rows.upper, rows.lower - np.minimum(reached, turning))
             beyond -= (excess := found.excess[rows.places])
             if not beyond.max() < least:
                 break  # near singular coordinates, corrections need not converge
             best, best_end, least = found, end, float(beyond.max())
             if least <= _BEYOND:
                 break
-            # A change of the velocity at the end changes the mean by half of it.
-            above, below = (np.where(averaged, 2.0 * mean - each, reached) for each in (rows.upper, rows.lower))
+            # A change of the velocity at the end changes that in the middle by half of it.
+            above, below = (np.where(throughout, 2.0 * turning - each, reached) for each in (rows.upper, rows.lower))
             highest, lowest = np.maximum(reached, above), np.minimum(reached, below)
             if attempt:
                 over, under = highest - rows.upper - excess, rows.lower - lowest - excess
-                change = _onto_bounds(found.multipliers, bounds, np.where(over > under, -over, under), least)
+                change = _onto_bounds(found.multipliers, bounds, np.where(over > under, -over, under), 2.0 * least)
                 found = found._replace(unknowns=found.unknowns + change)
                 continue
             expected = rows.jacobian @ (sample.end.R @ program.velocity(found.unknowns) + sample.end.b)
@@ -415,9 +421,9 @@ class InverseDynamicsQP(WholeBodyProgram):
         q, y, _ = self._motion.steps(reduced.evaluator, np.array(state.q), start, np.ascontiguousarray(T), h, steps)
         return q, y[: reduced.r]
 
-    def _mean_velocity(self, start: StateEvaluation, end: StateEvaluation) -> Float[Array, " nv"]:
-        """Mean velocity from a state to another one, a sample later."""
-        return np.asarray(pin.difference(self._reduced.robot.model, start.q, end.q)) / self.dt
+    def _turning_velocities(self, start: StateEvaluation, end: StateEvaluation) -> Float[Array, " nv"]:
+        """Velocities at which the joints turn from a state to another one, a sample later."""
+        return turning_velocities(start.v, end.v, pin.difference(self._reduced.robot.model, start.q, end.q) / self.dt)
 
     # ------------------------------------------------------------------ braking
 
@@ -425,8 +431,8 @@ class InverseDynamicsQP(WholeBodyProgram):
         """End of a sample under the inputs of a solution, and the limits that it exceeds."""
         end = found.end or self._end(program.sample.start, found.T)[0]
         exceeded = np.zeros(len(self.limit_names))
-        mean = self._mean_velocity(program.sample.start, end)
-        exceeded[: len(self._limits.names)] = self._limits.exceeded(end, program.sample.time, program.rows, mean)
+        turning = self._turning_velocities(program.sample.start, end)
+        exceeded[: len(self._limits.names)] = self._limits.exceeded(end, program.sample.time, program.rows, turning)
         # Forces of the ground follow from the inputs, not from the state at the end.
         ground = self._forces[1]
         exceeded[ground] = found.excess[ground]

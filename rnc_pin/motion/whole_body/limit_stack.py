@@ -167,7 +167,7 @@ class LimitStack:
 
     Attributes:
         names: name of each row, (k,).
-        averaged: mask of the rows whose bounds hold for the mean velocity over the sample too, (k,).
+        throughout: mask of the rows whose bounds hold for all velocities within the sample, (k,).
         spacing: longest motion of a velocity between two checks of a braking motion [m, rad]; infinite if all limits
             know each of its steps.
         judged_by_rows: mask of the rows that a velocity exceeds if it violates them in its sample, (k,).
@@ -181,7 +181,7 @@ class LimitStack:
         self._bound = [each.bind(reduced) for each in limits]
         sizes = [len(each.names) for each in self._bound]
         self.names = distinct([name for each in self._bound for name in each.names])
-        self.averaged = np.repeat([each.averaged for each in self._bound], sizes).astype(bool)
+        self.throughout = np.repeat([each.throughout for each in self._bound], sizes).astype(bool)
         stops = np.cumsum([0, *sizes])
         self._places = [np.arange(stop - size, stop) for stop, size in zip(stops[1:], sizes, strict=True)]
         # Hard limits are the first group: they give way last.
@@ -239,7 +239,7 @@ class LimitStack:
         state: StateEvaluation,
         time: float,
         rows: LimitRows | None = None,
-        mean: Array | None = None,
+        turning: Array | None = None,
         at_ends: bool = False,
     ) -> Float[Array, " k"]:
         """Return the amount by which a state exceeds each limit (k,); zero if it satisfies the limit.
@@ -248,7 +248,7 @@ class LimitStack:
             state: the state.
             time: its time [s].
             rows: rows of the sample that led to the state, for limits that its velocity decides; None for a start.
-            mean: mean velocity (nv,) over this sample; None for a start.
+            turning: velocities (nv,) at which the joints turned within this sample; None for a start.
             at_ends: True for the limits that do not know each step of a braking motion; the others are left out.
         """
         found = np.zeros(len(self.names))
@@ -257,7 +257,7 @@ class LimitStack:
             reached = rows.jacobian @ state.v
             found[rows.places] = np.maximum(reached - rows.upper, rows.lower - reached)
         for limit, where, along in zip(self._bound, self._places, self._along, strict=True):
-            own = None if at_ends and along else limit.exceeded_by(state, time, mean)
+            own = None if at_ends and along else limit.exceeded_by(state, time, turning)
             if own is not None:
                 found[where] = own
         return np.maximum(found, 0.0)

@@ -116,11 +116,20 @@ class HeldMotion(NamedTuple):
             entries: entries of v.
         """
         before, after = self.v[:-1, entries], self.v[1:, entries]
-        bend = 3.0 * (before + after) - 6.0 * self.mean[:, entries]
-        turns = np.abs(after - before) < np.abs(bend)  # else the parabola rises or falls throughout
-        slope = after - before - bend
-        between = before - np.divide(slope**2, 4.0 * bend, out=np.zeros_like(bend), where=turns)
-        return np.maximum(np.maximum(np.abs(before), np.abs(after)), np.abs(between))
+        turning = turning_velocities(before, after, self.mean[:, entries])
+        return np.maximum(np.maximum(np.abs(before), np.abs(after)), np.abs(turning))
+
+
+def turning_velocities(before: Array, after: Array, mean: Array) -> Float[np.ndarray, "*batch k"]:
+    """Return the velocities at which the parabola of each entry turns; the end of one that rises or falls throughout.
+
+    Args:
+        before, after, mean: velocities at the ends of a motion, and their mean over it (..., k).
+    """
+    bend = 3.0 * (before + after) - 6.0 * mean
+    turns, slope = np.abs(after - before) < np.abs(bend), after - before - bend
+    turning = before - np.divide(slope**2, 4.0 * bend, out=np.zeros_like(bend), where=turns)
+    return np.where(turns, turning, after)
 
 
 class BoundLimit(ABC):
@@ -128,13 +137,13 @@ class BoundLimit(ABC):
 
     Attributes:
         names: name of each row, (k,), e.g. "elbow position".
-        averaged: True if the bounds hold for the mean velocity over the sample too.
+        throughout: True if the bounds hold for all velocities within the sample.
         spacing: longest motion of a velocity between two checks of a braking motion [m, rad].
         jacobian: Jacobian of all rows (k, nv), if it is constant and no row is left out; None otherwise.
     """
 
     names: tuple[str, ...]
-    averaged: ClassVar[bool] = False
+    throughout: ClassVar[bool] = False
     spacing: float = 5e-2
     jacobian: Float[Array, "k nv"] | None = None
 
@@ -158,7 +167,7 @@ class BoundLimit(ABC):
         return None
 
     def exceeded_by(
-        self, state: StateEvaluation, time: float, mean: Float[Array, " nv"] | None = None
+        self, state: StateEvaluation, time: float, turning: Float[Array, " nv"] | None = None
     ) -> Float[Array, " k"] | None:
         """Return the amount by which a state exceeds each limit, negative or zero for the others.
 
@@ -168,7 +177,7 @@ class BoundLimit(ABC):
         Args:
             state: the state.
             time: its time [s].
-            mean: mean velocity over the sample that led to it; None for a start.
+            turning: velocities at which the joints turned within the sample that led to it; None for a start.
         """
         return None
 
@@ -292,7 +301,7 @@ class _BoundSpeed(BoundLimit):
         jacobian = _NORMALS @ sample.end.position.jacobian(self._frame)[:2]
         return LimitRows(jacobian, np.full(_SIDES, -np.inf), np.full(_SIDES, _INSIDE * self._limit))
 
-    def exceeded_by(self, state: StateEvaluation, time: float, mean: Array | None = None) -> Array:
+    def exceeded_by(self, state: StateEvaluation, time: float, turning: Array | None = None) -> Array:
         # The circle itself: its polygon is stricter, and a state inside the circle exceeds nothing.
         speed = float(np.linalg.norm(state.position.jacobian(self._frame)[:2] @ state.v))
         return np.full(_SIDES, speed - self._limit)

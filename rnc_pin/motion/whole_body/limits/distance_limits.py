@@ -74,7 +74,7 @@ class _BoundRegion(BoundLimit):
         jacobian = self._normals @ at.jacobian(self._frame)[:3]
         return LimitRows(jacobian, self._below, self._gain * distance)
 
-    def exceeded_by(self, state: StateEvaluation, time: float, mean: np.ndarray | None = None) -> np.ndarray:
+    def exceeded_by(self, state: StateEvaluation, time: float, turning: np.ndarray | None = None) -> np.ndarray:
         return self._normals @ state.position.placement(self._frame).translation - self._offsets
 
 
@@ -236,7 +236,7 @@ class BoundCollisionAvoidance(BoundLimit):
     def braking_rows(self, sample: ControlSample) -> None:
         return None
 
-    def exceeded_by(self, state: StateEvaluation, time: float, mean: np.ndarray | None = None) -> np.ndarray:
+    def exceeded_by(self, state: StateEvaluation, time: float, turning: np.ndarray | None = None) -> np.ndarray:
         # Pairs beyond the largest clearance exceed nothing: they need no distance.
         near, found = self.distances.at(state, time, self._nearest), np.zeros(len(self.names))
         found[near.pairs] = self.clearances[near.pairs] - near.distance

@@ -64,7 +64,7 @@ def selection_rows(indices: Sequence[int], size: int) -> np.ndarray:
 class JointVelocityLimit(ControlLimit):
     """Velocity limits of joints, from the robot's file by default. A hard limit.
 
-    ``InverseDynamicsQP`` keeps it for the mean velocity over each sample too.
+    ``InverseDynamicsQP`` keeps it within each sample, not only at its end.
 
     Args:
         joints: names; by default every joint with a velocity limit in the file, or every joint of one degree of freedom
@@ -93,7 +93,7 @@ class JointVelocityLimit(ControlLimit):
 
 
 class _BoundVelocities(BoundLimit):
-    averaged = True
+    throughout = True
     jacobian: Array
 
     def __init__(self, limit: JointVelocityLimit, reduced: ReducedModel) -> None:
@@ -109,11 +109,10 @@ class _BoundVelocities(BoundLimit):
     def rows(self, sample: ControlSample) -> LimitRows:
         return self._rows
 
-    def exceeded_by(self, state: StateEvaluation, time: float, mean: Array | None = None) -> Array:
+    def exceeded_by(self, state: StateEvaluation, time: float, turning: Array | None = None) -> Array:
         fastest = np.abs(state.v[self._indices])
-        # The mean over the sample exceeds both ends if the velocity is largest between them.
-        if mean is not None:
-            fastest = np.maximum(fastest, np.abs(mean[self._indices]))
+        if turning is not None:
+            fastest = np.maximum(fastest, np.abs(turning[self._indices]))
         return fastest - self._largest
 
     def along(self, motion: HeldMotion) -> Array:
@@ -206,7 +205,7 @@ class _BoundPositions(BoundLimit):
         room = np.maximum(self._inside - self._sides * q, 0.0)
         return self._up_to(np.maximum(2.0 * room / sample.dt - self._sides * v, 0.0))
 
-    def exceeded_by(self, state: StateEvaluation, time: float, mean: Array | None = None) -> Array:
+    def exceeded_by(self, state: StateEvaluation, time: float, turning: Array | None = None) -> Array:
         q, (lower, upper) = state.q[self._q], self._ends
         return np.maximum(q - upper, lower - q)
 
