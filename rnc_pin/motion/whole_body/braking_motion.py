@@ -447,7 +447,7 @@ class Braking:
             held = 1 if shortest <= self._dt else int(np.ceil(_RESERVE * min(shortest, self._longest) / self._dt))
             if (held == 1 or together) and shortest < self._longest and self._may_stop(state, t, held):
                 moving = np.abs(state.v).max(initial=0.0) > _REST
-                return load + impulse / (held * self._dt), held if moving else 0, True
+                return load + impulse / (held * self._dt), held if moving else 0, held > 1
         slowing, speed = self._slowing(effects, adverse, state, t, ground, upper), np.abs(state.v2)
         T = slowing(self._dt)
         rate = effects @ T + adverse
