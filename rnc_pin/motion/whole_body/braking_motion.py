@@ -16,8 +16,9 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.array_shapes import Array, Float
-from rnc_pin.errors import DivergenceError, SingularityError
-from rnc_pin.math.linear_algebra import clipped, inverse, solve
+from rnc_pin.errors import ConstraintError, DivergenceError, SingularityError
+from rnc_pin.math.linear_algebra import clipped, inverse
+from rnc_pin.model.coordinates import ConfigurationManifold
 from rnc_pin.model.integrators import ReducedMotion
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -37,7 +38,7 @@ _RESERVE = 1.1  # of the time in which efforts stop all joints
 _LEAST = 1e-14  # effect of an input on the energy, relative to the sum of all
 _FREE_COST = 1e-9  # of inputs that do not change the energy, relative to the others
 _UNUSED, _GROUND = 0.1, 0.3  # parts of limits by rows, and of conditions of the ground, that the law leaves unused
-_FEW = 8  # samples to rest under the same inputs
+_FEW = 8  # samples under the same inputs: fewer need not end with a whole step
 _EASED = 0.125  # of the way back to the program in each verified sample
 _SAME = 1e-6  # [rad, m, and per second] difference to the predicted state at which a kept motion is followed
 _BEYOND = 1e-3  # [rad/s, m/s] motion that limits ask for, in which the program goes on without a verified motion
@@ -159,7 +160,7 @@ class Braking:
     ) -> None:
         self._reduced, self._limits, self._contacts = reduced, limits, contacts
         self._names, self._dt, self._longest = names, dt, longest
-        self._motion = ReducedMotion(reduced.robot)
+        self._motion, self._manifold = ReducedMotion(reduced.robot), ConfigurationManifold(reduced.robot.model)
         self._budget = min(max(_BUDGET, round(_PACE * dt)), _EFFORT)
         self._coarse = _COARSE if limits.spacing == np.inf else 1
         self._fine = max(1, int(_STEP / dt + _ROUNDING))  # samples of the finest step
@@ -323,7 +324,7 @@ class Braking:
                 together = together or bool(np.count_nonzero(slow) > 1 and (np.abs(state.v2) < slow).any())
             else:
                 problem = _LONG
-        except (SingularityError, DivergenceError) as error:
+        except (SingularityError, DivergenceError, ConstraintError) as error:
             problem = str(error)
         return BrakingMotion(start.q, start.v2, np.array(inputs), problem, first, precision.effort)
 
@@ -388,7 +389,7 @@ class Braking:
             inside, beyond = self._judged(excess, doubt + errors, allowed)
             if not inside.all():
                 found = self._broken(excess.max(axis=0), allowed) if beyond.any() else _DOUBTFUL
-            some = slice(None, None, -(-size // _CHECKED))
+            some = slice(None, None, -(-size // _CHECKED))  # as many states as between checks: the ground's take longer
             decided += map(_Decided, q[:-1:steps][some], v2[:-1:steps][some], T[done : done + size][some])
             doubt, done = doubt + errors[-1], done + size
             state, t = end, t + size * length * self._dt
@@ -401,11 +402,9 @@ class Braking:
         share = np.arange(1, count + 1) / count
         middle = share - 0.5 / count
         ways = whole * (middle - 0.5 * middle**2)[:, None] * state.v
-        q = np.array([pin.integrate(self._reduced.robot.model, state.q, way) for way in ways])
-        along = StateEvaluation.at(self._reduced.evaluator, q, (1.0 - middle)[:, None] * state.v2)
-        B, p = along.input_matrix, self._reduced.p
-        force = np.matvec(along.H, -state.v2 / whole - along.v2_dot(np.zeros((count, p))))
-        T = solve(B, force) if p == len(state.v2) else np.matvec(np.linalg.pinv(B), force)
+        q = self._manifold.integrate(np.broadcast_to(state.q, (count, len(state.q))), ways)
+        along = known_state(self._reduced, q, (1.0 - middle)[:, None] * state.v2)
+        T = along.configuration.allocated(along.inverse_dynamics(np.tile(-state.v2 / whole, (count, 1))))
         return clipped(T, self._efforts), (1.0 - share)[:, None] * state.v2
 
     def _between_checks(self, state: StateEvaluation) -> int:
@@ -430,7 +429,7 @@ class Braking:
     def _law(
         self, state: StateEvaluation, t: float, contacts: ContactBounds, together: bool
     ) -> tuple[Array, int, bool]:
-        """Inputs, and the number of samples for which they are held, zero at rest.
+        """Inputs, the number of samples for which they are held, zero at rest, and True if all joints stop in them.
 
         Inputs that stop all joints within a time h are ``load + impulse / h``.
         """
@@ -533,7 +532,7 @@ class Braking:
         end = known_state(self._reduced, q[-1], v2[-1], t + whole)
         if steps < finest:
             last = q[steps::steps].copy(), v2[steps::steps].copy()
-            ends = last[1], StateEvaluation.at(evaluator, *last).v2_dot(T)
+            ends = last[1], known_state(self._reduced, *last).v2_dot(T)
             # Rates jump with the inputs: each end of inputs has its own.
             u, a = (
                 np.concatenate([each.reshape(len(T), steps, -1), stop[:, None]], axis=1)

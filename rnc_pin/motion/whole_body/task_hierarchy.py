@@ -472,9 +472,8 @@ class _Level:
         """
         pushes = multipliers[:, None] * (bounds.rows @ self._free.Z)
         _, sizes, right = np.linalg.svd(pushes[multipliers != 0.0])
-        grades = np.log(np.maximum(sizes / sizes.max(initial=_NOTHING), _NOTHING) / _TOUCHES) / np.log(
-            _PUSHES / _TOUCHES
-        )
+        shares = np.maximum(sizes / sizes.max(initial=_NOTHING), _NOTHING)
+        grades = np.log(shares / _TOUCHES) / np.log(_PUSHES / _TOUCHES)
         grades = np.concatenate([[1.0], np.clip(grades, 0.0, 1.0), [0.0]])
         # The time of a turn is the mean over the numbers of directions that are excluded.
         weights = enumerate(grades[:-1] - grades[1:])

@@ -21,7 +21,7 @@ def known_state(reduced: ReducedModel, q: Array, v2: Array, t: float | None = No
 
     Args:
         reduced: the model.
-        q, v2: configuration (nq,) and reduced velocities (r,), which nobody changes afterwards.
+        q, v2: configurations (..., nq) and reduced velocities (..., r), which nobody changes afterwards.
         t: time [s].
     """
     return reduced.at(q, v2, t=t) if reduced.rheonomic else StateEvaluation.at(reduced.evaluator, q, v2)
