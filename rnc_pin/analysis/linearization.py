@@ -28,8 +28,8 @@ from rnc_pin.model.independence import ROUNDING
 from rnc_pin.model.input_validation import admit_numbers
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.reduction_data import best_entries
-from rnc_pin.model.rows import OutputKind, OutputStack
+from rnc_pin.model.reduction_data import VelocityRows, best_entries
+from rnc_pin.model.rows import OutputKind, OutputRows, OutputStack
 from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin, counted, described, items
 
 _STEADY = 1e-8  # largest acceleration that counts as zero, relative to the accelerations that gravity causes
@@ -196,19 +196,9 @@ def linearize(
         moving = derivatives.v if coordinates is not None else np.zeros(reduced.n)
         A, B = _restricted(reduced, read, kept, moving, q, A, B)
     rate_names = [each + "_dot" * (not outputs.quasi[i] or each in read.names) for i, each in enumerate(outputs.names)]
-    return Linearization(
-        A=A,
-        B=B,
-        state_names=(*read.names, *(rate_names[i] for i in kept)),
-        input_names=reduced.actuation.names,
-        q=q,
-        v2=v2,
-        T=T,
-        difference_error=float(derivatives.difference_error),
-        reducing=outputs,
-        _read=read,
-        _kept=kept,
-    )
+    state_names, difference_error = (*read.names, *(rate_names[i] for i in kept)), float(derivatives.difference_error)
+    motion = reduced.actuation.names, q, v2, T
+    return Linearization(A, B, state_names, *motion, difference_error, outputs, read, kept)
 
 
 def _check_steady(reduced: ReducedModel, q: Array, v2: Array, T: Array) -> None:
@@ -269,49 +259,35 @@ def _restricted(
 class _Coordinates:
     """Configuration part of a state: entries of v, or outputs."""
 
-    def __init__(self, reduced: ReducedModel, chosen: Sequence[Coordinate] | None) -> None:
-        self._robot = reduced.robot
-        names = reduced.robot.velocity_names
+    def __init__(self, reduced: ReducedModel, chosen: Sequence[Coordinate]) -> None:
+        self._robot = robot = reduced.robot
         if isinstance(chosen, str):
             raise InputError(f"coordinates have to be a list, found the string '{chosen}'")
-        self._parts: list[int | OutputStack] = []
-        self.names: tuple[str, ...] = ()
-        for each in names if chosen is None else chosen:
+        blocks, self._entries = list[OutputRows](), list[int]()
+        for each in chosen:
             if isinstance(each, str):
-                self._parts.append(place_of(each, names, "no coordinate", ModelError))
-                self.names += (each,)
-            else:
-                stack = OutputStack([each.bind(reduced.robot)])
-                if stack.quasi.any():
-                    raise ConstraintError(f"'{stack.names[0]}' is a quasi-velocity: it has no value to be a coordinate")
-                self._parts.append(stack)
-                self.names += stack.names
+                self._entries.append(place_of(each, robot.velocity_names, "no coordinate", ModelError))
+                blocks.append(VelocityRows(np.eye(robot.nv)[self._entries[-1:]], [each], [""]))
+                continue
+            blocks.append(each.bind(robot))
+            if blocks[-1].quasi:
+                raise ConstraintError(
+                    f"'{blocks[-1].names[0]}' is a quasi-velocity: it has no value to be a coordinate"
+                )
+        self._outputs = OutputStack(blocks)  # entries of v are the quasi-velocities among them
+        self.names = self._outputs.names
 
     def rows(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Jacobian and its rate, (k, nv) each."""
-        n = self._robot.nv
         rates = Kinematics(self._robot).position(q).with_velocity(v)
-        J, J_dot = [np.zeros((0, n))], [np.zeros((0, n))]
-        for part in self._parts:
-            if isinstance(part, int):
-                J.append(np.eye(n)[part : part + 1])
-                J_dot.append(np.zeros((1, n)))
-            else:
-                J.append(part.jacobian(rates))
-                J_dot.append(part.jacobian_dot(rates))
-        return np.vstack(J), np.vstack(J_dot)
+        return self._outputs.jacobian(rates), self._outputs.jacobian_dot(rates)
 
     def deviation(self, q: Array, q_0: Array) -> Array:
         """Coordinates of q minus coordinates of q_0, (k,)."""
-        tangent = pin.difference(self._robot.model, q_0, q)
-        kinematics, found = Kinematics(self._robot), []
-        for part in self._parts:
-            if isinstance(part, int):
-                found.append(tangent[part : part + 1])
-                continue
-            before, now = (part.value(kinematics.position(each)) for each in (q_0, q))
-            found.append(part.coordinates.difference(now, before))
-        return np.concatenate(found) if found else np.empty(0)
+        outputs, place = self._outputs, Kinematics(self._robot).position
+        found = outputs.coordinates.difference(outputs.value(place(q)), outputs.value(place(q_0)))
+        found[outputs.quasi] = pin.difference(self._robot.model, q_0, q)[self._entries]
+        return found
 
 
 Cost = float | Sequence[float] | Mapping[str, float] | Array

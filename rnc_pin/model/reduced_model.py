@@ -36,6 +36,9 @@ from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin, counted, items
 from rnc_pin.robots.robot import Robot
 
+_RECORDED = ("R_dot", "H", "V", "G", "input_matrix", "A_star", "A_star_dot", "v", "b", "b_dot")
+"""Terms that the kernel records under their names; the others are parts of E and of its inverse."""
+
 
 class ReducedModel(SummaryMixin):
     """Nonholonomic system in the velocities ``v2`` of its reducing outputs.
@@ -289,21 +292,9 @@ class ReducedModel(SummaryMixin):
         numbers.setflags(write=False)
         record = np.ndarray(numbers.shape[:-1], kernel.terms, numbers)
         terms = object.__new__(ReducedTerms)  # its own constructor takes as long as all matrices of a small system
-        vars(terms).update(
-            R=record["E_inverse"][..., m:],
-            R_dot=record["R_dot"],
-            H=record["H"],
-            V=record["V"],
-            G=record["G"],
-            input_matrix=record["input_matrix"],
-            A=record["E"][..., :m, :],
-            A_dot=record["E_dot"][..., :m, :],
-            A_star=record["A_star"],
-            A_star_dot=record["A_star_dot"],
-            v=record["v"],
-            b=record["b"],
-            b_dot=record["b_dot"],
-        )
+        vars(terms).update({name: record[name] for name in _RECORDED})
+        A, A_dot = record["E"][..., :m, :], record["E_dot"][..., :m, :]
+        vars(terms).update(R=record["E_inverse"][..., m:], A=A, A_dot=A_dot)
         return terms
 
     def lagrangian_terms(self, q: ArrayInput, v2: ArrayInput) -> LagrangianTerms:

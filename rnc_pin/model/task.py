@@ -29,6 +29,7 @@ class SelectedOutputs:
 
     Attributes:
         names, size: names and number of the rows.
+        places: entries of each stack in values.
     """
 
     def __init__(self, chosen: Sequence[tuple[OutputStack, np.ndarray]]) -> None:
@@ -36,7 +37,7 @@ class SelectedOutputs:
         self.names = tuple(stack.names[row] for stack, rows, _ in self._parts for row in rows)
         self.size = len(self.names)
         ends = np.cumsum([len(rows) for _, rows, _ in self._parts]).tolist()
-        self._places = [slice(a, b) for a, b in zip([0, *ends], ends, strict=False)]
+        self.places = tuple(slice(a, b) for a, b in zip([0, *ends], ends, strict=False))
 
     def value(self, at: PositionKinematics) -> np.ndarray:
         """Values (..., k).
@@ -63,7 +64,7 @@ class SelectedOutputs:
         """
         value = self.value(at)
         goal = target if target.shape == value.shape else np.broadcast_to(target, value.shape)
-        parts = zip(self._parts, self._places, strict=True)
+        parts = zip(self._parts, self.places, strict=True)
         found = [kinds.difference(goal[..., place], value[..., place]) for (*_, kinds), place in parts]
         return np.concatenate(found, axis=-1)
 
@@ -75,7 +76,7 @@ class SelectedOutputs:
             error: the error (..., k) [rad or m].
         """
         J = self.jacobian(at)
-        for (*_, kinds), place in zip(self._parts, self._places, strict=True):
+        for (*_, kinds), place in zip(self._parts, self.places, strict=True):
             for first in kinds.rotations:
                 triple = slice(place.start + first, place.start + first + 3)
                 for state in np.ndindex(J.shape[:-2]):
@@ -138,8 +139,7 @@ class OutputTargets:
                 raise ConfigurationError(f"two targets for output '{label}'")
         self._outputs = SelectedOutputs([chosen for _, chosen, _ in found])
         self._values = np.concatenate([value for *_, value in found])
-        ends = np.cumsum([len(value) for *_, value in found]).tolist()
-        self.places = tuple(slice(a, b) for a, b in zip([0, *ends], ends, strict=False))
+        self.places = self._outputs.places
 
     def error(self, at: PositionKinematics) -> np.ndarray:
         """Error (k,): target minus value; rotations in world axes, angles within half a turn.
@@ -271,18 +271,9 @@ class Task(ReprMixin):
         first = np.array([columns[name] for name in primary], dtype=int)
         second = np.array([columns[name] for name in redundant], dtype=int)
         rows = np.array([place_of(name, x1.names, "no vertical output") for name in chosen], dtype=int)
-        return cls(
-            primary=first,
-            redundant=second,
-            vertical=rows,
-            primary_names=tuple(primary),
-            redundant_names=tuple(redundant),
-            vertical_names=chosen,
-            primary_coordinates=x2.coordinates.choose(first),
-            redundant_coordinates=x2.coordinates.choose(second),
-            vertical_coordinates=x1.coordinates.choose(rows),
-            r=reduced.r,
-        )
+        names = tuple(primary), tuple(redundant), chosen
+        coordinates = x2.coordinates.choose(first), x2.coordinates.choose(second), x1.coordinates.choose(rows)
+        return cls(first, second, rows, *names, *coordinates, reduced.r)
 
     def _settings(self) -> Mapping[str, object]:
         return {"primary": self.primary_names, "redundant": self.redundant_names, "vertical": self.vertical_names}
