@@ -292,9 +292,9 @@ class ReducedModel(SummaryMixin):
         numbers.setflags(write=False)
         record = np.ndarray(numbers.shape[:-1], kernel.terms, numbers)
         terms = object.__new__(ReducedTerms)  # its own constructor takes as long as all matrices of a small system
-        vars(terms).update({name: record[name] for name in _RECORDED})
         A, A_dot = record["E"][..., :m, :], record["E_dot"][..., :m, :]
-        vars(terms).update(R=record["E_inverse"][..., m:], A=A, A_dot=A_dot)
+        recorded = {name: record[name] for name in _RECORDED}
+        vars(terms).update(recorded, R=record["E_inverse"][..., m:], A=A, A_dot=A_dot)
         return terms
 
     def lagrangian_terms(self, q: ArrayInput, v2: ArrayInput) -> LagrangianTerms:
