@@ -114,10 +114,11 @@ def impact(
     reduced = reduced if t is None else reduced.frozen(t)
     state = _regular_state(reduced, q, v)
     rows, kept = reduced.all_constraints, state.kept_rows
-    coefficients, conserved = _coefficients(rows, restitution), _conserved(rows)
+    coefficients, conserved = _coefficients(rows, restitution), rows.conserved_rows()
     mu = rows.rate(state.position)
     slip = apply(state.all_rows, state.v) - mu
-    _check_momenta(rows, _sizes(state.all_rows, state.v), mu, slip, conserved)
+    sizes = np.linalg.norm(state.all_rows, axis=-1) * np.linalg.norm(state.v)  # largest rates at this speed
+    _check_momenta(rows, sizes, mu, slip, conserved)
     after = mu - coefficients * slip  # rates of all rows
     # Velocities are X A v + R w, with E^-1 = [X, R] in a reduction to entries w of v.
     X, R = state.E_inverse[:, : reduced.m], state.R
@@ -125,7 +126,7 @@ def impact(
     # R^T M (v+ - v-) = 0: impulses of the rows have no component along motions that the rows allow.
     w = solve_positive_definite(state.H, apply_transposed(R, apply(state.M, state.v - fixed)))
     v_after = fixed + apply(R, w)
-    _check_dependent(rows, _sizes(state.all_rows, state.v), apply(state.all_rows, v_after), after)
+    _check_dependent(rows, sizes, apply(state.all_rows, v_after), after)
     rank = reduced.m - int(conserved[kept].sum())
     return _found(rows, conserved, state, v_after, rank)
 
@@ -195,14 +196,6 @@ def _coefficients(rows: RowStack, restitution: Restitution) -> Array:
     return np.array([float(named.get(name, 0.0)) for name in rows.names])
 
 
-def _conserved(rows: RowStack) -> Array:
-    """Mask (k,) of the rows that have no reaction force."""
-    mask = np.zeros(rows.size, dtype=bool)
-    for place in rows.places:
-        mask[place.where] = place.block.conserved is not None
-    return mask
-
-
 def _check_momenta(rows: RowStack, sizes: Array, mu: Array, slip: Array, conserved: Array) -> None:
     contradiction = 1e-6  # relative: less is the integration error of the motion before
     limits = contradiction * (sizes + np.abs(mu))
@@ -211,11 +204,6 @@ def _check_momenta(rows: RowStack, sizes: Array, mu: Array, slip: Array, conserv
             f"{rows.names[row]} is {mu[row] + slip[row]:.8g} before the impact, and the constraint requires "
             f"{mu[row]:.8g}: an impact does not change a conserved momentum"
         )
-
-
-def _sizes(matrix: Array, v: Array) -> Array:
-    """Largest rate of each row (k,) at the speed of a state."""
-    return np.asarray(np.linalg.norm(matrix, axis=-1) * np.linalg.norm(v))
 
 
 def _check_dependent(rows: RowStack, sizes: Array, rates: Array, wanted: Array) -> None:

@@ -306,10 +306,8 @@ def check_reactions(rows: RowStack, samples: np.ndarray, lengths: np.ndarray, co
         ConstraintError: a row acts on a conserved momentum; the message gives the rows, the momentum and the remedy.
     """
     momenta = [place for place in rows.places if place.block.conserved is not None]
-    reacts = np.ones(rows.size, dtype=bool)
-    for place in momenta:
-        # A momentum does not act on itself: its row is the statement that nothing does.
-        reacts[place.where] = False
+    # A momentum does not act on itself: its row is the statement that nothing does.
+    reacts = ~rows.conserved_rows()
     if not momenta or not reacts.any():
         return
     longest = np.maximum(np.linalg.norm(samples, axis=-1).max(axis=0), lengths)

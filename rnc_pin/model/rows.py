@@ -484,10 +484,7 @@ class RowStack:
         Args:
             at: kinematics at states, configurations (..., nq) and velocities (..., nv).
         """
-        out = np.zeros((*at.q.shape[:-1], self.size))
-        for place in self._varying:
-            out[..., place.where] = place.of(place.block.bias_acceleration(at))
-        return out
+        return self._gather(at, lambda block: block.bias_acceleration(at))
 
     def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
         """Jacobian rate Jdot(q, v), (..., size, nv).
@@ -522,6 +519,11 @@ class RowStack:
         for place in self.places:
             out[..., place.where] = place.of(of(place.block))
         return out
+
+    def conserved_rows(self) -> np.ndarray:
+        """Mask (size,) of the rows that state a conserved momentum, which have no reaction force."""
+        flags = [block.conserved is not None for block, _, rows in self.places for _ in _of(block.names, rows)]
+        return np.array(flags, dtype=bool)
 
     def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
         """Points and unit vectors of the constraint forces, (..., size, 3) each; NaN for rows that act on no point.
