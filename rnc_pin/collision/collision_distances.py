@@ -34,6 +34,7 @@ from rnc_pin.collision.shapes import (
 from rnc_pin.errors import InputError, ModelError
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.input_validation import ConfigurationValidator
+from rnc_pin.model.kinematics import moving_entries
 from rnc_pin.robots.robot import Robot
 
 
@@ -273,9 +274,7 @@ class CollisionDistances:
         # A joint changes the distance of a pair if it carries one of both bodies and not the other.
         self._support = np.zeros((len(self.carriers), self._model.nv))
         for k, joint in enumerate(self.carriers):
-            for above in list(self._model.supports[joint])[1:]:
-                start = self._model.joints[above].idx_v
-                self._support[k, start : start + self._model.joints[above].nv] = 1.0
+            self._support[k, moving_entries(self._model, joint)] = 1.0
         usual: frozenset[tuple[int, int]] = frozenset()
         # Pairs that the user names are checked whatever they do in random configurations.
         if selection is None or (selection.links and selection.pairs is None):

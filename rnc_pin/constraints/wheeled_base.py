@@ -22,7 +22,7 @@ from rnc_pin.constraints.wheels_and_blades import RollingRows
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.frame_rows import FrameVelocityRows
 from rnc_pin.model.input_validation import check_positive_settings
-from rnc_pin.model.kinematics import OWN_AXES, Kinematics, PositionKinematics
+from rnc_pin.model.kinematics import OWN_AXES, Kinematics, PositionKinematics, moving_entries
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.rows import GroundContact, Rows, RowStack
 from rnc_pin.robots.joint_values import limited_positions
@@ -292,11 +292,10 @@ class WheeledBase:
 
 def _base_entries(robot: Robot, frame: str) -> Array:
     """Indices in v of the joints that carry a frame."""
-    model = robot.model
-    chain = [int(joint) for joint in model.supports[model.frames[robot.frame_id(frame)].parentJoint] if joint > 0]
-    entries = [index for each in chain for index in range(model.idx_vs[each], model.idx_vs[each] + model.nvs[each])]
+    model, joint = robot.model, robot.model.frames[robot.frame_id(frame)].parentJoint
+    entries = moving_entries(model, joint)
     if len(entries) != 3:
-        carried = ", ".join(str(model.names[each]) for each in chain) or "no joint"
+        carried = ", ".join(str(model.names[each]) for each in list(model.supports[joint])[1:]) or "no joint"
         raise ConfigurationError(
             f"frame '{frame}' is carried by {carried} with {len(entries)} velocities: expected a frame of a base with "
             "three velocities in the plane, such as base='planar'"

@@ -120,10 +120,8 @@ class Kinematics:
         if frame not in self._frames:
             of = self.model.frames[frame]
             support = np.zeros(self.nv)
-            # Only joints between the world and the frame move it: other columns of its Jacobian are zero.
-            for joint in list(self.model.supports[of.parentJoint])[1:]:
-                start = self.model.joints[joint].idx_v
-                support[start : start + self.model.joints[joint].nv] = 1.0
+            # Other columns of the Jacobian of the frame are zero.
+            support[moving_entries(self.model, of.parentJoint)] = 1.0
             self._frames[frame] = of.parentJoint, of.placement.homogeneous[:3].T.ravel(), support
         return self._frames[frame]
 
@@ -156,6 +154,19 @@ class Kinematics:
         with self.lock:
             self.current = None
             return over_states(partial(function, self.model, self.data), shape, *states)
+
+
+def moving_entries(model: pin.Model, joint: int) -> list[int]:
+    """Entries of v that move a joint: of the joint itself, and of the joints between it and the world.
+
+    Args:
+        model: Pinocchio's model of the robot.
+        joint: index of the joint.
+    """
+    found: list[int] = []
+    for support in list(model.supports[joint])[1:]:
+        found += range(model.idx_vs[support], model.idx_vs[support] + model.nvs[support])
+    return found
 
 
 _Update = Callable[..., None]  # of the data of a Kinematics to one state

@@ -23,6 +23,7 @@ from rnc_pin._kernel.kernel_rows import (
     placement_numbers,
 )
 from rnc_pin.math.linear_algebra import Component
+from rnc_pin.model.kinematics import moving_entries
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.rows import OutputRows, OutputStack, Place, RowStack
 from rnc_pin.robots.robot import Robot
@@ -57,7 +58,7 @@ class _Workspace:
         model, n, joints = robot.model, robot.nv, robot.model.njoints
         pinocchio = model.createData()
         # Columns of a joint's Jacobian that are not zero; the kernel skips the others.
-        moved = [_entries(model, joint) for joint in range(joints)]
+        moved = [moving_entries(model, joint) for joint in range(joints)]
         q, v, acceleration = robot.configuration(), np.zeros(n), np.zeros(n)
         matrices = (pinocchio.M, (n, n)), (pinocchio.J, (6, n)), (pinocchio.nle, (n,)), (pinocchio.C, (n, n))
         by_rows = (each.reshape((n, n)).T for each in (pinocchio.dtau_dq, pinocchio.dtau_dv))
@@ -137,15 +138,6 @@ def curved_joints(model: pin.Model) -> list[tuple[str, slice]] | None:
         # universal ones, are left to Pinocchio.
         elif joint.nv > 1 and joint.shortname() != "JointModelTranslation":
             return None
-    return found
-
-
-def _entries(model: pin.Model, joint: int) -> list[int]:
-    """Entries of v that move a joint."""
-    found: list[int] = []
-    for support in list(model.supports[joint])[1:]:
-        moving = model.joints[support]
-        found += range(moving.idx_v, moving.idx_v + moving.nv)
     return found
 
 
