@@ -66,9 +66,11 @@ class MomentumConservation:
         rows = robot.velocity_indices(self.joint)
         _check_symmetry(robot, self.joint, rows)
         joint = robot.joint_id(self.joint)
-        units = _units(robot.model.joints[joint])
         kind = robot.model.joints[joint].shortname()
         along = _VELOCITY_AXES.get(kind, [])
+        slides = kind.startswith(("JointModelP", "JointModelTranslation"))
+        of_axes = tuple("kg m/s" if axis < 3 else "N m s" for axis in along)
+        units = of_axes or ("kg m/s" if slides else "N m s",) * robot.model.joints[joint].nv
         # A momentum of zero is zero in all axes: those of the body need no transformation.
         if not np.any(self.momentum):
             return _MomentumRows(self.joint, rows, units, along)
@@ -90,18 +92,6 @@ class MomentumConservation:
                 f"planar, free-flying or spherical joint on the world, found {kind} on '{robot.model.names[parent]}'"
             )
         return _WorldMomentumRows(self.joint, rows, units, along, value, robot)
-
-
-def _units(joint: pin.JointModel) -> tuple[str, ...]:
-    """Units of the momentum conjugate to each velocity of a joint."""
-    linear, angular = ("kg m/s",), ("N m s",)
-    kind = joint.shortname()
-    if kind == "JointModelFreeFlyer":
-        return linear * 3 + angular * 3
-    if kind == "JointModelPlanar":
-        return linear * 2 + angular
-    slides = kind.startswith(("JointModelP", "JointModelTranslation"))
-    return (linear if slides else angular) * joint.nv
 
 
 class _MomentumRows(Rows):

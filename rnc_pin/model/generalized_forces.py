@@ -152,19 +152,19 @@ class Actuation:
                 offset, word = (0, "force") if isinstance(actuator, FrameForce) else (3, "torque")
                 row = offset + axis_index(actuator.axis)
                 self.frames.append((column, robot.frame_id(actuator.frame), row))
-                self.limits[column] = actuator.limit
-                names.append(f"{word}({actuator.frame}.{actuator.axis})")
-                units.append("N m" if offset else "N")
+                name, unit, limit = (
+                    f"{word}({actuator.frame}.{actuator.axis})",
+                    "N m" if offset else "N",
+                    actuator.limit,
+                )
             elif isinstance(actuator, OpenDifferential):
                 if isinstance(actuator.joints, str) or len(set(actuator.joints)) < 2:
                     raise ConstraintError(f"a differential needs two joints or more, found {actuator.joints!r}")
                 remedy = "a differential drives those with one"
-                places = [robot.single_joint(name, remedy).idx_v for name in actuator.joints]
+                places = [robot.single_joint(each, remedy).idx_v for each in actuator.joints]
                 # The sum of the torques of the joints is the torque of the motor.
                 self._constant[places, column] = 1.0 / len(places)
-                self.limits[column] = actuator.limit
-                names.append(f"differential({', '.join(actuator.joints)})")
-                units.append("N m")
+                name, unit, limit = f"differential({', '.join(actuator.joints)})", "N m", actuator.limit
             elif isinstance(actuator, str):
                 index = robot.velocity_indices(actuator)
                 if index.stop - index.start != 1:
@@ -174,16 +174,17 @@ class Actuation:
                     )
                 self._constant[index.start, column] = 1.0
                 # Zero is no limit here: nothing is clipped to it. For the verdict it can be a limit (limit_replay).
-                limit = float(robot.model.upperEffortLimit[index.start])
-                self.limits[column] = limit if 0 < limit < NO_LIMIT else np.inf
-                names.append(actuator)
+                stated = float(robot.model.upperEffortLimit[index.start])
                 slides = robot.model.joints[robot.joint_id(actuator)].shortname().startswith("JointModelP")
-                units.append("N" if slides else "N m")
+                name, unit, limit = actuator, "N" if slides else "N m", stated if 0 < stated < NO_LIMIT else np.inf
             else:
                 raise ConstraintError(
                     f"actuator {actuator!r} has the wrong type: expected a joint's name, FrameForce, "
                     "FrameTorque or OpenDifferential"
                 )
+            names.append(name)
+            units.append(unit)
+            self.limits[column] = limit
         # Inputs are found by name in messages, limits and records: two with one name could not be told apart.
         if len(set(names)) != len(names):
             duplicate = next(name for name in names if names.count(name) > 1)
@@ -215,13 +216,12 @@ class Actuation:
         Args:
             at: kinematics at configurations (..., nq).
         """
-        shape = self._constant.shape
         if self._function is not None:
             return self._function.over(at.q)
+        constant = np.broadcast_to(self._constant, (*at.q.shape[:-1], *self._constant.shape))
         if not self.configured:
-            return self._constant if at.q.ndim == 1 else np.broadcast_to(self._constant, (*at.q.shape[:-1], *shape))
-        batch = at.q.shape[:-1]
-        matrix = np.array(np.broadcast_to(self._constant, (*batch, *shape))) if batch else self._constant.copy()
+            return constant
+        matrix = np.array(constant)
         for column, frame, row in self.frames:
             # Virtual work: a force along a row of the Jacobian acts on v as the transpose of that row.
             matrix[..., column] = at.jacobian(frame, OWN_AXES, slice(row, row + 1))[..., 0, :]

@@ -151,10 +151,7 @@ def _spherical(u: Array) -> tuple[Array, float]:
 
 
 def _free(u: Array) -> tuple[Array, float]:
-    ad = np.zeros((6, 6))
-    ad[:3, :3] = ad[3:, 3:] = pin.skew(u[3:])
-    ad[:3, 3:] = pin.skew(u[:3])
-    return ad, float(np.sqrt(u[3:].dot(u[3:])))
+    return pin.Motion(u).action, float(np.sqrt(u[3:].dot(u[3:])))
 
 
 _ADJOINTS = {"JointModelPlanar": _planar, "JointModelSpherical": _spherical, "JointModelFreeFlyer": _free}

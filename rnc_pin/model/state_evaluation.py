@@ -312,7 +312,9 @@ class StateEvaluation(ConfigurationEvaluation):
             damping: viscous coefficients (nv,) [N m s/rad or N s/m].
             external: generalized forces (..., nv) in addition to inputs and damping.
         """
-        force = self._force(vector(T, self._data.p, "T", self._data.actuation.names), damping)
+        force = self._total_force(T, None)
+        if damping is not None:
+            force = force - damping * self.v
         if external is not None:
             force = force + external
         # Passive forces are added there, and once only.
@@ -369,12 +371,8 @@ class StateEvaluation(ConfigurationEvaluation):
         """Acceleration ``E^-1 gamma``, with ``vdot = R v2dot - E^-1 gamma``."""
         return apply(self.E_inverse, self.gamma)
 
-    def _force(self, T: Array, damping: Array | None) -> Array:
-        force = apply(self.B, T)
-        return force if damping is None else force - damping * self.v
-
     def _total_force(self, T: ArrayInput, external: Array | None) -> Array:
-        force = self._force(vector(T, self._data.p, "T", self._data.actuation.names), None)
+        force = apply(self.B, vector(T, self._data.p, "T", self._data.actuation.names))
         return force if external is None else force + vector(external, self._data.n, "external")
 
     @cached_property
