@@ -204,14 +204,10 @@ def generic_growth(
     # The largest dimensions may come from several samples, even if no sample has all of them.
     shown = agreeing or [each for each in found if each[0].vector[-1] == generic[-1]]
     others = Counter(growth.vector for growth, _ in found if growth.vector != generic)
-    evidence = GrowthEvidence(
-        samples=len(found),
-        agreeing=len(agreeing),
-        doubtful=sum(growth.doubtful for growth, _ in found),
-        others=tuple(others.most_common()),
-        margin=min(growth.margin for growth, _ in shown),
-        decided=any(not growth.doubtful for growth, _ in agreeing),
-    )
+    doubtful, margin = sum(growth.doubtful for growth, _ in found), min(growth.margin for growth, _ in shown)
+    decided = any(not growth.doubtful for growth, _ in agreeing)
+    counts = len(found), len(agreeing), doubtful
+    evidence = GrowthEvidence(*counts, tuple(others.most_common()), margin, decided)
     whole = [(Growth(generic, growth.closure, growth.margin, growth.doubtful), q) for growth, q in shown]
     return evidence, whole
 

@@ -59,12 +59,9 @@ def integrability(reduced: ReducedModel, configurations: Sequence[np.ndarray] | 
     leftover = np.max(outside, axis=0)
     tolerance = 1e-5  # for unit rows; the closure is as accurate as the brackets
     flat = leftover < tolerance
-    return Integrability(
-        growth_vector=generic,
-        integrable=tuple(name for name, each in zip(names, flat, strict=True) if each),
-        nonholonomic=tuple(name for name, each in zip(names, flat, strict=True) if not each),
-        evidence=evidence,
-    )
+    integrable = tuple(name for name, each in zip(names, flat, strict=True) if each)
+    nonholonomic = tuple(name for name in names if name not in integrable)
+    return Integrability(generic, integrable, nonholonomic, evidence)
 
 
 @dataclass(frozen=True, repr=False)

@@ -19,7 +19,7 @@ from rnc_pin.model.factorization import constraint_rows
 from rnc_pin.model.input_validation import vector
 from rnc_pin.model.integrators import Rate, ReducedMotion, state_rates
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.reduction_kernel import ReductionKernel, RunRecords
+from rnc_pin.model.reduction_kernel import ReductionKernel
 from rnc_pin.model.rows import ConstantRows, OutputRows, OutputStack
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.plant import estimated_errors
@@ -114,8 +114,8 @@ class CompiledRuns:
         forces = np.empty((len(charts), self._kernel.data.n))
         return self.integrate(charts, start, h, 0, losses, forces)[1:3]
 
-    def measure(self, q: Array, v: Array, kinematics: Array, status: Array) -> RunRecords:
-        """Quantities of states (q, v) with records of kinematics.
+    def states(self, q: Array, v: Array, kinematics: Array, status: Array) -> StateEvaluation:
+        """Evaluation at states (q, v) with records of kinematics, which nobody may change afterwards.
 
         Only runs with status 1 are measured; the status becomes 0 where the run takes its own path.
 
@@ -127,17 +127,7 @@ class CompiledRuns:
         """
         found = self._kernel.run_records(q.shape[:-1], kinematics)
         self._calls.measure(q, v, *found, status, True)
-        return found
-
-    def states(self, q: Array, v: Array, records: RunRecords) -> StateEvaluation:
-        """Evaluation at states (..., nq), (..., nv) from their records, which nobody may change afterwards.
-
-        Args:
-            q: configurations (..., nq).
-            v: full velocities (..., nv) [rad/s or m/s].
-            records: their records.
-        """
-        return self._evaluator.filled_state(self._kernel, q, v, records)
+        return self._evaluator.filled_state(self._kernel, q, v, found)
 
 
 def runs_of(evaluator: Evaluator) -> CompiledRuns | None:

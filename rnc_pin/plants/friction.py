@@ -307,15 +307,12 @@ class DissipativeStep:
         flow = state.flow(T, damping)
         if damping is None:
             others = np.zeros((1 + len(dynamics.integral_rows(state)) + dynamics.reduced.rheonomic, len(H)))
-            return LinearPart(modes, inverse, decay, R @ modes, others), flow.v2_dot
-        force = state.B @ T - damping * state.v
-        others = np.vstack(
-            [
-                dynamics.integral_rows(state) @ R @ modes,
-                np.zeros((int(dynamics.reduced.rheonomic), len(H))),  # time flows at a constant rate
-                modes.T @ apply_transposed(R, force) - inverse @ flow.v2_dot,  # power minus the rate of kinetic energy
-            ]
-        )
+        else:
+            integrals = dynamics.integral_rows(state) @ R @ modes
+            time = np.zeros((int(dynamics.reduced.rheonomic), len(H)))  # it flows at a constant rate
+            force = state.B @ T - damping * state.v
+            power = modes.T @ apply_transposed(R, force) - inverse @ flow.v2_dot  # minus the rate of kinetic energy
+            others = np.vstack([integrals, time, power])
         return LinearPart(modes, inverse, decay, R @ modes, others), flow.v2_dot
 
 

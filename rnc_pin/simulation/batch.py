@@ -209,7 +209,7 @@ class _Batch:
                 regular[place], v[place] = 1.0, self._plants[self._at[place]].state.v
         # The states keep their configurations, while those of the runs go on.
         q = self._q.copy()
-        states = self._calls.states(q, v, self._calls.measure(q, v, self._kinematics, regular))
+        states = self._calls.states(q, v, self._kinematics, regular)
         regular[self._runs[0].stop.stopped(states)] = 0.0
         if (regular == 1.0).all():
             return states
