@@ -572,13 +572,12 @@ def _wheel_joints(reduced: ReducedModel, *, steered: bool = False) -> set[int]:
     """Joints of bodies that roll, and of last bodies on runners that an actuator steers, but not a trailer's."""
     robot, found = reduced.robot, set()
     inner = list(robot.model.parents)
-    for place in reduced.all_constraints.places:
-        for each in place.block.mechanisms():
-            if isinstance(each, GroundContact):
-                joint = int(robot.model.frames[robot.frame_id(each.frame)].parentJoint)
-                driven = joint not in inner and robot.model.names[joint] in reduced.actuation.names
-                if each.radius or (steered and driven):
-                    found.add(joint)
+    for each in reduced.all_constraints.mechanisms():
+        if isinstance(each, GroundContact):
+            joint = int(robot.model.frames[robot.frame_id(each.frame)].parentJoint)
+            driven = joint not in inner and robot.model.names[joint] in reduced.actuation.names
+            if each.radius or (steered and driven):
+                found.add(joint)
     return found
 
 

@@ -72,12 +72,11 @@ class Assembly:
             q: configurations (..., nq).
             t: times (...) [s]; zero, or that of a frozen model, by default.
         """
-        if not self._places:
-            return np.zeros((*q.shape[:-1], 0))
         return self._residual(self._kinematics.position(q, t))
 
     def _residual(self, at: PositionKinematics) -> Array:
-        return np.concatenate([block.residual(at)[..., rows] for block, rows in self._places], axis=-1)
+        none = np.zeros((*at.q.shape[:-1], 0))
+        return np.concatenate([none, *(block.residual(at)[..., rows] for block, rows in self._places)], axis=-1)
 
     def rank(self, q: Array) -> int:
         """Rank of the holonomic rows at a configuration (nq,).

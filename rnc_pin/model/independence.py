@@ -127,6 +127,20 @@ def block_row_scales(block: Rows, samples: np.ndarray) -> np.ndarray:
     return np.array([max(lengths[k] for k, other in enumerate(block.units) if other == unit) for unit in block.units])
 
 
+def defined_jacobians(rows: RowStack, robot: Robot, configurations: np.ndarray) -> Iterator[np.ndarray]:
+    """Jacobians (size, nv) at those of some configurations at which all rows are defined.
+
+    Args:
+        rows: the rows.
+        robot: the robot.
+        configurations: configurations (count, nq).
+    """
+    kinematics = Kinematics(robot)
+    for q in configurations:
+        with suppress(SingularityError):
+            yield rows.jacobian(kinematics.position(q))
+
+
 def row_scales(robot: Robot, rows: RowStack, reducing: OutputStack, configurations: np.ndarray) -> np.ndarray:
     """Typical length of each row: the median over configurations (count, nq), or the largest if the median is zero.
 
@@ -139,11 +153,7 @@ def row_scales(robot: Robot, rows: RowStack, reducing: OutputStack, configuratio
         configurations: configurations (count, nq).
     """
     stack = RowStack.joined(rows, reducing)
-    kinematics = Kinematics(robot)
-    found = []
-    for q in configurations:
-        with suppress(SingularityError):  # some row is undefined at q
-            found.append(np.linalg.norm(stack.jacobian(kinematics.position(q)), axis=-1))
+    found = [np.linalg.norm(jacobian, axis=-1) for jacobian in defined_jacobians(stack, robot, configurations)]
     lengths = np.array(found) if found else np.zeros((1, stack.size))
     # A row of rounding, e.g. out of the plane of a planar loop, must not count as a short one.
     lengths = np.where(lengths > 1e-12 * lengths.max(initial=0.0), lengths, 0.0)

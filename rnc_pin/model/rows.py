@@ -520,6 +520,10 @@ class RowStack:
             out[..., place.where] = place.of(of(place.block))
         return out
 
+    def mechanisms(self) -> list[Mechanism]:
+        """Contacts, couplings and closures of all blocks."""
+        return [each for place in self.places for each in place.block.mechanisms()]
+
     def conserved_rows(self) -> np.ndarray:
         """Mask (size,) of the rows that state a conserved momentum, which have no reaction force."""
         flags = [block.conserved is not None for block, _, rows in self.places for _ in _of(block.names, rows)]

@@ -8,7 +8,6 @@ at one state again. The basis of each new chart of the reduced plant (``Velocity
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
 from typing import TypeVar
 
 import numpy as np
@@ -246,13 +245,9 @@ class NonholonomicSystem(SummaryMixin):
         """Entries of v that parametrise the motion well at every sampled configuration."""
         if not self.r:
             return OutputStack([])
-        kinematics = Kinematics(self.robot)
-        bases = []
-        for q in self._samples:
-            with suppress(SingularityError):
-                A = self.constraints.jacobian(kinematics.position(q))
-                # Any basis will do: how well entries parametrise it depends on the space only.
-                bases.append((A, null_space(A)))
+        # Any basis will do: how well entries parametrise it depends on the space only.
+        found = independence.defined_jacobians(self.constraints, self.robot, self._samples)
+        bases = [(A, null_space(A)) for A in found]
 
         def worst(entries: list[int]) -> float:
             return min(float(np.linalg.svd(basis[entries], compute_uv=False)[-1]) for _, basis in bases)
@@ -326,11 +321,9 @@ def _still(rows: RowStack, robot: Robot, configurations: np.ndarray) -> str:
     """Hint if the base is fixed and rows are zero at all configurations (count, nq), because their links rest."""
     if base_of(robot.model) != "fixed":
         return ""
-    kinematics = Kinematics(robot)
     moving, at_rest = np.zeros(rows.size, dtype=bool), 1e-12  # largest entry of a row that no joint moves
-    for q in configurations:
-        with suppress(SingularityError):
-            moving |= np.abs(rows.jacobian(kinematics.position(q))).max(axis=1, initial=0.0) > at_rest
+    for jacobian in independence.defined_jacobians(rows, robot, configurations):
+        moving |= np.abs(jacobian).max(axis=1, initial=0.0) > at_rest
     names = [name for name, moves in zip(rows.names, moving, strict=True) if not moves]
     return f"; no joint moves {few(names)}: {fixed_base(robot.model)}" if names else ""
 
