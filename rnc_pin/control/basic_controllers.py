@@ -168,13 +168,8 @@ class StateFeedback(ReprMixin):
 
     def describe(self) -> Description:
         """Return the gain with the names of its states, and the inputs T_0."""
-        return {
-            "type": type(self).__name__,
-            "states": list(self.linear.state_names),
-            "K": listed(self.K),
-            "T": listed(self.linear.T),
-            "v2": listed(self.linear.v2),
-        }
+        numbers = {"K": listed(self.K), "T": listed(self.linear.T), "v2": listed(self.linear.v2)}
+        return {"type": type(self).__name__, "states": list(self.linear.state_names), **numbers}
 
     def initial_state(self, measurement: Measurement) -> None:
         """Return None: the controller has no state.

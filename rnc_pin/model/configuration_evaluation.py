@@ -365,13 +365,9 @@ class ConfigurationEvaluation(SummaryMixin):
         finite = np.isfinite(self.E[first]).all(axis=1)
         if not finite.all():
             return DivergenceError(f"row '{self._names(first)[int(finite.argmin())]}' is not finite")
-        values = self._singular_values[first]
-        return SingularityError(
-            "singular configuration",
-            q=self.q[first].copy(),
-            condition=float(values[0] / max(values[-1], 1e-300)),
-            rows=self.dependent_rows(first),
-        )
+        values, rows = self._singular_values[first], self.dependent_rows(first)
+        condition = float(values[0] / max(values[-1], 1e-300))
+        return SingularityError("singular configuration", q=self.q[first].copy(), condition=condition, rows=rows)
 
     def dependent_rows(self, state: int | tuple[np.intp, ...] = ()) -> tuple[str, ...]:
         """Names of the rows of E that take part in its smallest singular value.

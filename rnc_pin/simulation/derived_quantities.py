@@ -105,12 +105,8 @@ def columns_of(outputs: OutputStack) -> run_info.Columns:
 
 def versions() -> dict[str, str]:
     """Versions of the software that a result depends on."""
-    return {
-        "rnc_pin": __version__,
-        "pin": pin.__version__,
-        "numpy": np.__version__,
-        "python": platform.python_version(),
-    }
+    packages = {"rnc_pin": __version__, "pin": pin.__version__, "numpy": np.__version__}
+    return {**packages, "python": platform.python_version()}
 
 
 def _names(record: Record, forces: _Forces) -> run_info.OutputNames:
@@ -186,13 +182,10 @@ class _Forces(NamedTuple):
         models = list(dict.fromkeys([record.reduced, *known])) if switching else [record.reduced]
         # Only of a known plant: the forces that hold the controller's model may not be those of the robot.
         normal = {model: NormalForces(model) for model in dict.fromkeys([*models, *known] if known else [])}
-        return cls(
-            _union(model.constraints.names for model in models),
-            _union(model.all_constraints.names for model in models),
-            _union(normal[model].names for model in models if model in normal),
-            normal,
-            switching,
-        )
+        multipliers = _union(model.constraints.names for model in models)
+        contact_forces = _union(model.all_constraints.names for model in models)
+        normal_forces = _union(normal[model].names for model in models if model in normal)
+        return cls(multipliers, contact_forces, normal_forces, normal, switching)
 
 
 def _union(names: Iterable[Sequence[str]]) -> tuple[str, ...]:
@@ -351,8 +344,7 @@ def ground_bodies(reduced: ReducedModel) -> tuple[GroundBody, ...]:
     found: dict[int, list[tuple[_Contact, _Contact]]] = {
         joint: [] for joint in range(1, model.njoints) if "Planar" in model.joints[joint].shortname()
     }
-    mechanisms = [each for place in reduced.all_constraints.places for each in place.block.mechanisms()]
-    for mechanism in mechanisms:
+    for mechanism in reduced.all_constraints.mechanisms():
         if not isinstance(mechanism, GroundContact) or mechanism.friction == "none":
             continue
         # Both or none: a wheel that lies flat at one of them has no point to compare.

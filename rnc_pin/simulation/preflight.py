@@ -276,11 +276,8 @@ class FrictionDemand:
         # Gravity may need more than the grip at rest: then no time scale helps.
         slower = f"slow it down {self.time_scale:.3g} times"
         remedy = slower if np.isfinite(self.time_scale) else "it slips at any speed"
-        return [
-            f"the reference needs {self.used:.3g} times the grip that '{self.contact}' has, at t = {self.time:.2f} s; "
-            f"{remedy}",
-            *lifted,
-        ]
+        need = f"the reference needs {self.used:.3g} times the grip that '{self.contact}' has, at t = {self.time:.2f} s"
+        return [f"{need}; {remedy}", *lifted]
 
 
 def friction_demand(rollout: RolloutEvaluation, grip: Grip) -> FrictionDemand:

@@ -301,18 +301,12 @@ def _phases(report: PlantReport, dt: float) -> tuple[run_info.PhaseInfo, ...]:
     """Intervals between the contact events of a plant for a sampling period; empty if contacts do not switch."""
     events = report.contact_events
     ends = [*(event.cause for event in events[1:]), None]
-    return tuple(
-        run_info.PhaseInfo(
-            " + ".join(event.closed) or "flight",
-            # The first sample after the event: the one before was still taken in the old phase.
-            int(np.ceil(event.time / dt - _ROUNDING)),
-            event.time,
-            dict(event.impulses),
-            event.energy_loss,
-            end,
-        )
-        for event, end in zip(events, ends[: len(events)], strict=True)
-    )
+    found = []
+    for event, end in zip(events, ends[: len(events)], strict=True):
+        # The first sample after the event: the one before was still taken in the old phase.
+        name, first = " + ".join(event.closed) or "flight", int(np.ceil(event.time / dt - _ROUNDING))
+        found.append(run_info.PhaseInfo(name, first, event.time, dict(event.impulses), event.energy_loss, end))
+    return tuple(found)
 
 
 def _integration(report: PlantReport) -> run_info.IntegrationAccuracy | None:

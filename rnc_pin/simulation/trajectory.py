@@ -6,7 +6,7 @@ import csv
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property
-from itertools import chain, zip_longest
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -135,8 +135,7 @@ class Trajectory(RunData, SummaryMixin):
         # A run that could not begin has no last sample to print.
         if not len(self.time):
             return ObjectSummary(title, lines)
-        both = outputs.x2, outputs.x1
-        names, units = (tuple(chain.from_iterable(each)) for each in ([x.names for x in both], [x.units for x in both]))
+        names, units = outputs.x2.names + outputs.x1.names, outputs.x2.units + outputs.x1.units
         values = {
             "outputs at the end": zip_longest(names, (*self.x2[-1], *self.x1[-1]), units, fillvalue=""),
             "largest input": zip_longest(outputs.T, np.abs(self.T).max(axis=0), outputs.T_units, fillvalue=""),

@@ -218,14 +218,9 @@ class ControlLoop(ReprMixin):
             measurement = measurement._replace(input_deficit=before.input_deficit, force_deficit=force)
         least = self.settings.min_singular_value
         if least > 0 and state.smallest_singular_value < least:
-            smallest = float(state.smallest_singular_value)
-            raise SingularityError(
-                f"the smallest singular value of E is {smallest:.3g}, below the limit {least:g}",
-                q=np.array(state.q),
-                condition=float(state.condition),
-                rows=state.dependent_rows(),
-                time=t,
-            )
+            what = f"the smallest singular value of E is {state.smallest_singular_value:.3g}, below the limit {least:g}"
+            condition, rows = float(state.condition), state.dependent_rows()
+            raise SingularityError(what, q=np.array(state.q), condition=condition, rows=rows, time=t)
         self.active_component = "the controller"
         # The controller counts time from the first step: a clock may start anywhere.
         begin, own = (t if before.begin is None else before.begin), before.controller
