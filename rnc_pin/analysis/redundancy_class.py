@@ -114,13 +114,8 @@ def classify(reduced: ReducedModel, task: Task, configurations: np.ndarray, seed
 
     above, below = (tuple(np.array(names)[flags].tolist()) for flags in (tracked, ~tracked))
     values = np.linalg.svd(A4[:, moved], compute_uv=False) if moved.any() else np.zeros(1)
-    evidence = Evidence(
-        A3=_largest(A3),
-        A4_singular_values=(float(values.min()), float(values.max())),
-        A6=_largest(A4[:, ~moved]),
-        A5_along_x22=_largest(A5_along),
-        steering=None if moved.any() else _largest(steering),
-    )
+    ends, steers = (float(values.min()), float(values.max())), None if moved.any() else _largest(steering)
+    evidence = Evidence(_largest(A3), ends, _largest(A4[:, ~moved]), _largest(A5_along), steers)
     return Redundancy(redundancy_class, above, below, reason, evidence)
 
 

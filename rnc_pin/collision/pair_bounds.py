@@ -99,9 +99,7 @@ def _parts(index: int, joint: pin.JointModel, lever: float, largest: Float[Array
     if kind.startswith(_HELICAL):
         return [_Part(index, every, 1.0, lever + abs(float(_extracted(joint).pitch)))]
     if kind == "JointModelEllipsoid":
-        inside = _extracted(joint)
-        reach = max(inside.radius_x, inside.radius_y, inside.radius_z)
-        return [_Part(index, one, 1.0, lever + reach) for one in each]
+        return [_Part(index, one, 1.0, lever + _reach(joint, largest)) for one in each]
     if kind == "JointModelComposite":
         return _composite_parts(index, _extracted(joint), lever, largest)
     raise ModelError(f"joint {index} is a {kind}: its motion between two configurations is not known")
