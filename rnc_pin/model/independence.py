@@ -251,21 +251,23 @@ def _dropped(row: int, kept: Sequence[int], matrices: np.ndarray, names: Sequenc
 _ACTS = 1e-9  # relative entry of a row beyond rounding: a user's loop in world axes is closed to 1e-11 m
 
 
-def check_actuators(
-    blocks: Collection[Rows], actuation: Actuation, kinematics: Kinematics, samples: np.ndarray
+def check_conserved(
+    blocks: Collection[Rows], actuation: Actuation, forces: PassiveForces, robot: Robot, samples: np.ndarray
 ) -> None:
-    """Raise an error if an actuator drives a momentum that is declared as conserved.
+    """Raise an error if an actuator or a passive force acts on a momentum that is declared as conserved.
 
     Args:
         blocks: bound rows of all constraints.
         actuation: the actuation matrix B(q).
-        kinematics: kinematics of the robot.
+        forces: the passive forces.
+        robot: the robot.
         samples: configurations (samples, nq).
 
     Raises:
-        ConstraintError: an actuator drives a conserved momentum; the message names both.
+        ConstraintError: something acts on a conserved momentum; the message names both.
     """
     conserved, rounding = [block for block in blocks if block.conserved is not None], 1e-12  # of an entry of B
+    kinematics, generator = Kinematics(robot), np.random.default_rng(0)
     for q in samples if conserved else ():
         matrix = actuation.matrix(kinematics.position(q))
         for block in conserved:
@@ -274,21 +276,6 @@ def check_actuators(
                 name = actuation.names[int(np.argmax(driven))]
                 raise ConstraintError(f"actuator '{name}' drives {block.names[0]}, which is declared as conserved")
 
-
-def check_forces(blocks: Collection[Rows], forces: PassiveForces, kinematics: Kinematics, samples: np.ndarray) -> None:
-    """Raise an error if a passive force acts on a momentum that is declared as conserved.
-
-    Args:
-        blocks: bound rows of all constraints.
-        forces: the passive forces.
-        kinematics: kinematics of the robot.
-        samples: configurations (samples, nq).
-
-    Raises:
-        ConstraintError: a force acts on a conserved momentum; the message names both.
-    """
-    conserved = [block for block in blocks if block.conserved is not None]
-    generator = np.random.default_rng(0)
     for q in samples if conserved and forces else ():
         # At a random velocity, because a damper acts at no other.
         at = kinematics.position(q).with_velocity(generator.uniform(-1.0, 1.0, kinematics.nv))

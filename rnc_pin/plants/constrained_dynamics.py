@@ -241,6 +241,7 @@ class ConstrainedDynamics:
     Attributes:
         damping: viscous damping coefficients (nv,); None without damping.
         integrated: mask (r,) of the reducing outputs with an integral.
+        integrands: these outputs, (k,).
         state_size: length of y.
         chart: current velocity chart, since ``initial``.
 
@@ -260,7 +261,7 @@ class ConstrainedDynamics:
         self._r, x2 = reduced.r, reduced.reducing
         self.integrated = integrated_outputs(reduced)
         blocks = [(block, where) for block, where, _ in x2.places if isinstance(block, OutputRows)]
-        self._integrands = OutputStack([block for block, where in blocks if self.integrated[where].any()])
+        self.integrands = OutputStack([block for block, where in blocks if self.integrated[where].any()])
         self._where = np.flatnonzero(self.integrated)
         # w, outputs whose values are integrated, the time if constraints need it, and the work.
         self.state_size = self._r + len(self._where) + reduced.rheonomic + 1
@@ -280,7 +281,7 @@ class ConstrainedDynamics:
             t: time of rheonomic constraints [s].
         """
         rheonomic = self.reduced.rheonomic
-        self.chart = VelocityChart(self.reduced.evaluator, q, self._integrands, t if rheonomic else None)
+        self.chart = VelocityChart(self.reduced.evaluator, q, self.integrands, t if rheonomic else None)
         y = np.zeros(self.state_size)
         # W is orthonormal, so that its transpose inverts it for admissible velocities.
         y[: self._r] = self.chart.W @ v
@@ -319,14 +320,6 @@ class ConstrainedDynamics:
         t = self.time(y) if y.ndim == 1 or not self.reduced.rheonomic else y[..., -2]
         return StateEvaluation.at(self.chart.evaluator, q, np.ascontiguousarray(y[..., : self._r]), t=t)
 
-    def integral_rows(self, state: StateEvaluation) -> np.ndarray:
-        """Jacobian (k, nv) of the integrals.
-
-        Args:
-            state: evaluation of the state.
-        """
-        return self._integrands.jacobian(state.position)
-
     def in_reduction(self, q: np.ndarray, y: np.ndarray) -> StateEvaluation:
         """State in the reduction of the model.
 
@@ -347,7 +340,7 @@ class ConstrainedDynamics:
         # The full velocity goes through the change of chart: the motion does not depend on where charts end.
         v, is_ill_conditioned = self.chart.velocity(q, y[: self._r], t)
         if is_ill_conditioned:
-            self.chart = VelocityChart(self.reduced.evaluator, q, self._integrands, t)
+            self.chart = VelocityChart(self.reduced.evaluator, q, self.integrands, t)
             y = np.concatenate([self.chart.W @ v, y[self._r :]])
         return self.reduced.evaluator.measured(q, v, t), y
 

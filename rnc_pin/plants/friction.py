@@ -306,9 +306,9 @@ class DissipativeStep:
         inverse = modes.T @ H
         flow = state.flow(T, damping)
         if damping is None:
-            others = np.zeros((1 + len(dynamics.integral_rows(state)) + dynamics.reduced.rheonomic, len(H)))
+            others = np.zeros((dynamics.integrands.size + dynamics.reduced.rheonomic + 1, len(H)))
         else:
-            integrals = dynamics.integral_rows(state) @ R @ modes
+            integrals = dynamics.integrands.jacobian(state.position) @ R @ modes
             time = np.zeros((int(dynamics.reduced.rheonomic), len(H)))  # it flows at a constant rate
             force = state.B @ T - damping * state.v
             power = modes.T @ apply_transposed(R, force) - inverse @ flow.v2_dot  # minus the rate of kinetic energy
