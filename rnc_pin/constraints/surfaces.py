@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from rnc_pin.errors import ConfigurationError, ConstraintError
+from rnc_pin.errors import ConfigurationError, ConstraintError, RncError
 from rnc_pin.model.frame_rows import axis_index, frame_direction, triple
 from rnc_pin.model.input_validation import Axis, NotNegative, Positive, Vector, is_number
 
@@ -203,15 +203,16 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.asarray((a * b).sum(axis=-1, keepdims=True))
 
 
-def check_positive(what: str, value: float) -> None:
-    """Raise a ``ConstraintError`` for a length [m] that is not positive.
+def check_positive(what: str, value: float, error: type[RncError] = ConstraintError) -> None:
+    """Raise an error for a length [m] that is not positive.
 
     Args:
         what: the length, for the message.
         value: its value [m].
+        error: kind of the error.
     """
     if not (is_number(value) and value > 0):
-        raise ConstraintError(f"{what} has to be positive [m], found {value!r}")
+        raise error(f"{what} has to be positive [m], found {value!r}")
 
 
 # ------------------------------------------------------------------ curved ground
@@ -371,7 +372,7 @@ class SphericalGround(_QuadricGround):
     frame: str | None = None
 
     def __post_init__(self) -> None:
-        _check_radius(self.radius, "spherical ground")
+        check_positive("radius of spherical ground", self.radius, ConfigurationError)
         triple(self.center, "center of spherical ground")
         triple(self.angular_velocity, "angular velocity of spherical ground")
 
@@ -442,7 +443,7 @@ class CylindricalGround(_QuadricGround):
     frame: str | None = None
 
     def __post_init__(self) -> None:
-        _check_radius(self.radius, "cylindrical ground")
+        check_positive("radius of cylindrical ground", self.radius, ConfigurationError)
         triple(self.point, "point of cylindrical ground")
         frame_direction(self.axis, "axis of cylindrical ground")
         for name in ("spin", "sliding"):
@@ -521,11 +522,6 @@ def _perpendicular(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     first = np.cross(axis, _EYE[int(np.argmin(np.abs(axis)))])
     first /= np.linalg.norm(first)
     return first, np.cross(axis, first)
-
-
-def _check_radius(radius: float, what: str) -> None:
-    if not (is_number(radius) and radius > 0):
-        raise ConfigurationError(f"radius of {what} has to be positive [m], found {radius!r}")
 
 
 def _grid_triangles(rows: int, columns: int) -> np.ndarray:

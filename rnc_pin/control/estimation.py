@@ -291,12 +291,9 @@ class Estimator(ReprMixin):
 
     def describe(self) -> Description:
         """Return the gain, the first estimates by name, and the bounds."""
-        return {
-            "alpha": self.alpha,
-            "dead_zone": listed(self.dead_zone),
-            "initial": dict(zip(self.regressor.names, self.initial.tolist(), strict=True)),
-            "bounds": [listed(self._low), listed(self._high)],
-        }
+        initial = dict(zip(self.regressor.names, self.initial.tolist(), strict=True))
+        bounds = [listed(self._low), listed(self._high)]
+        return {"alpha": self.alpha, "dead_zone": listed(self.dead_zone), "initial": initial, "bounds": bounds}
 
     def initial_state(self) -> EstimatorState:
         """Return the first estimates; ``model`` has them too."""

@@ -59,13 +59,11 @@ def ground_paths(run: RunData) -> list[GroundPath]:
 
 
 def _frames(run: RunData, bodies: Sequence[GroundPath]) -> list[GroundPath]:
-    columns = {
-        name: (kind, column)
-        for kind in ("x1", "x2")
-        for column, name in enumerate(run.info.outputs.of(kind).names)
-        if run.info.outputs.of(kind).units[column] == "m"
-        and not run.info.outputs.of(kind).is_integral(column)  # integrals along a body's own axes are no place
-    }
+    columns: dict[str, tuple[str, int]] = {}
+    for kind in ("x1", "x2"):
+        of = run.info.outputs.of(kind)
+        # Integrals along a body's own axes are no place.
+        columns |= {name: (kind, k) for k, name in enumerate(of.names) if of.units[k] == "m" and not of.is_integral(k)}
     found = []
     for name, (kind, column) in columns.items():
         frame = name.removesuffix("_x")

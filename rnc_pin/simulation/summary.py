@@ -138,17 +138,15 @@ def summarize(trajectory: RunData, wall_time: float | None = None) -> Summary:
     names, grounds = info.outputs.normal_forces, trajectory.grounds
     inside = forces_inside(trajectory, NormalForces(grounds.reduced)) if names and grounds is not None else ()
     lifted = first_lift_off(trajectory.time, trajectory.normal_forces, names, inside)
+    outputs = info.outputs.x2.names + info.outputs.x1.names
+    values = zip(outputs, (*trajectory.x2.T, *trajectory.x1.T), strict=True)
+    inputs = zip(info.outputs.T, trajectory.T.T, strict=True)
     summary: Summary = {
         "scenario": info.provenance.scenario,
         "outcome": str(trajectory.outcome),
         "duration": duration,
         "samples": len(trajectory.time),
-        "final_output": {
-            name: float(column[-1])
-            for kind in ("x2", "x1")
-            for name, column in zip(info.outputs.of(kind).names, getattr(trajectory, kind).T, strict=True)
-            if len(column)
-        },
+        "final_output": {name: float(column[-1]) for name, column in values if len(column)},
         "final_error": {name: float(abs(error[-1])) for name, error in errors.items() if len(error)},
         "max_error": {name: float(np.abs(error).max()) for name, error in errors.items() if len(error)},
         "rms_error": {name: float(np.sqrt(np.mean(error**2))) for name, error in errors.items() if len(error)},
@@ -157,11 +155,7 @@ def summarize(trajectory: RunData, wall_time: float | None = None) -> Summary:
         "energy_drift": _drift(balance, trajectory.energy),
         "min_singular_value": float(trajectory.singular_value.min()) if len(balance) else None,
         "lift_off": None if lifted is None else asdict(lifted),
-        "max_input": {
-            name: float(np.abs(column).max())
-            for name, column in zip(info.outputs.T, trajectory.T.T, strict=True)
-            if len(column)
-        },
+        "max_input": {name: float(np.abs(column).max()) for name, column in inputs if len(column)},
         "wall_time": wall_time,
         "realtime_factor": None if not wall_time else duration / wall_time,
         "versions": dict(info.versions),
@@ -216,12 +210,10 @@ class PrintedSummary(SummaryMixin, dict[str, object]):
 
     def _described(self, key: str, value: object) -> Sequence[Item]:
         if isinstance(value, Mapping) and all(isinstance(each, float) for each in value.values()):
-            outputs = self._outputs
-            units = dict(zip_longest(outputs.T, outputs.T_units, fillvalue=""))
-            if key != "max_input":
-                units = {
-                    name: unit for of in (outputs.x2, outputs.x1) for name, unit in zip(of.names, of.units, strict=True)
-                }
+            x2, x1, T, T_units = self._outputs.x2, self._outputs.x1, self._outputs.T, self._outputs.T_units
+            units = dict(zip(x2.names + x1.names, x2.units + x1.units, strict=True))
+            if key == "max_input":
+                units = dict(zip_longest(T, T_units, fillvalue=""))
             return [Item(name, f"{each:.4g} {units.get(name, '')}".rstrip()) for name, each in value.items()]
         return described(value)
 
