@@ -170,7 +170,7 @@ def moving_entries(model: pin.Model, joint: int) -> list[int]:
 
 
 _Update = Callable[..., None]  # of the data of a Kinematics to one state
-_Quantity = tuple[Callable[..., np.ndarray], tuple[object, ...]]  # function that reads the data, its other arguments
+_Quantity = tuple[Callable[..., np.ndarray], tuple[object, ...]]  # function of model and data, its other arguments
 
 
 class _Quantities:
@@ -209,8 +209,9 @@ class _Quantities:
         if at.current is not self:
             self._update(at, *self._states)
             at.current = self
-        # The functions copy what they read: the next state overwrites Pinocchio's memory.
-        value = read(at, *arguments)
+        # The functions copy what they read: the next state overwrites Pinocchio's memory. Pinocchio returns matrices
+        # with one column as vectors.
+        value = read(at.model, at.data, *arguments).reshape(shape)
         value.setflags(write=False)
         self._values[quantity] = value
 
@@ -221,12 +222,12 @@ class _Quantities:
         at.current, stored = None, {}
         for (read, arguments), shape in shapes.items():
             stored[read, arguments] = values = np.empty((*batch, *shape))
-            pairs.append((values.reshape(-1, *shape), partial(read, at, *arguments)))
+            pairs.append((values.reshape(-1, *shape), partial(read, at.model, at.data, *arguments)))
             values.setflags(write=False)
         for i, state in enumerate(zip(*(each.reshape(-1, each.shape[-1]) for each in self._states), strict=True)):
             self._update(at, *state)
             for out, read_one in pairs:
-                out[i] = read_one()
+                out[i] = read_one().reshape(out.shape[1:])
         self._values.update(stored)  # another thread may look for them
 
 
@@ -285,7 +286,7 @@ class PositionKinematics:
             axes: axes of the components: those of the world, or the frame's own.
             rows: components to return; linear x, y, z come first, then angular ones.
         """
-        return self._placed.get(_jacobian, (6, self._at.nv), frame, axes)[..., rows, :]
+        return self._placed.get(pin.getFrameJacobian, (6, self._at.nv), frame, axes)[..., rows, :]
 
     def joint_jacobian(self, joint: int) -> np.ndarray:
         """Jacobian (..., 6, nv) of a joint's body: velocity of its point at the origin of the world, in world axes.
@@ -293,7 +294,7 @@ class PositionKinematics:
         Args:
             joint: index of the joint.
         """
-        return self._placed.get(_joint_jacobian, (6, self._at.nv), joint)
+        return self._placed.get(pin.getJointJacobian, (6, self._at.nv), joint, pin.ReferenceFrame.WORLD)
 
     @property
     def center_of_mass(self) -> np.ndarray:
@@ -392,7 +393,7 @@ class VelocityKinematics(PositionKinematics):
             axes: axes of the components: those of the world, or the frame's own.
         """
         self._at.check_rates(frame)
-        return self._rates.get(_jacobian_dot, (6, self._at.nv), frame, axes)
+        return self._rates.get(pin.getFrameJacobianTimeVariation, (6, self._at.nv), frame, axes)
 
     def own_acceleration_gradient(self, frame: int) -> np.ndarray:
         """Derivative of the frame's acceleration in its own axes with respect to q at fixed v, (..., 6, nv).
@@ -440,16 +441,16 @@ def _update_derivatives(at: Kinematics, q: np.ndarray, v: np.ndarray) -> None:
 # ---------------------------------------------------------------------- quantities in Pinocchio's data
 
 
-def _inertia(at: Kinematics) -> np.ndarray:
-    return at.data.M.copy()
+def _inertia(model: pin.Model, data: pin.Data) -> np.ndarray:
+    return data.M.copy()
 
 
-def _frame_placement(at: Kinematics, frame: int) -> np.ndarray:
-    return pin.updateFramePlacement(at.model, at.data, frame).homogeneous[:3].T
+def _frame_placement(model: pin.Model, data: pin.Data, frame: int) -> np.ndarray:
+    return pin.updateFramePlacement(model, data, frame).homogeneous[:3].T
 
 
-def _joint_placement(at: Kinematics, joint: int) -> np.ndarray:
-    return at.data.oMi[joint].homogeneous[:3].T
+def _joint_placement(model: pin.Model, data: pin.Data, joint: int) -> np.ndarray:
+    return data.oMi[joint].homogeneous[:3].T
 
 
 def _placement(columns: np.ndarray) -> Placement:
@@ -457,14 +458,10 @@ def _placement(columns: np.ndarray) -> Placement:
     return Placement(columns[..., :3, :].mT, columns[..., 3, :])
 
 
-def _jacobian(at: Kinematics, frame: int, axes: pin.ReferenceFrame) -> np.ndarray:
-    return _by_columns(at, pin.getFrameJacobian(at.model, at.data, frame, axes))
-
-
-def _center_of_mass(at: Kinematics) -> np.ndarray:
+def _center_of_mass(model: pin.Model, data: pin.Data) -> np.ndarray:
     # Both are of one visit: side by side they are one quantity.
-    jacobian = pin.jacobianCenterOfMass(at.model, at.data, False)
-    return np.column_stack([at.data.com[0], jacobian])
+    jacobian = pin.jacobianCenterOfMass(model, data, False)
+    return np.column_stack([data.com[0], jacobian])
 
 
 _OF_CENTER = {
@@ -480,42 +477,35 @@ def _linear(model: pin.Model, momentum: np.ndarray) -> np.ndarray:
     return momentum.reshape(6, -1)[:3] / pin.computeTotalMass(model)
 
 
-def _velocity(at: Kinematics, frame: int) -> np.ndarray:
-    return pin.getFrameVelocity(at.model, at.data, frame, WORLD_AXES).vector
+def _velocity(model: pin.Model, data: pin.Data, frame: int) -> np.ndarray:
+    return pin.getFrameVelocity(model, data, frame, WORLD_AXES).vector
 
 
-def _acceleration(at: Kinematics, frame: int, axes: pin.ReferenceFrame) -> np.ndarray:
+def _acceleration(model: pin.Model, data: pin.Data, frame: int, axes: pin.ReferenceFrame) -> np.ndarray:
     # Along the axes of the world, the rate of the components is the acceleration of the point; along own axes, it is
     # the spatial one.
     getter = pin.getFrameClassicalAcceleration if axes == WORLD_AXES else pin.getFrameAcceleration
-    return getter(at.model, at.data, frame, axes).vector
+    return getter(model, data, frame, axes).vector
 
 
-def _jacobian_dot(at: Kinematics, frame: int, axes: pin.ReferenceFrame) -> np.ndarray:
-    return _by_columns(at, pin.getFrameJacobianTimeVariation(at.model, at.data, frame, axes))
-
-
-def _joint_jacobian(at: Kinematics, joint: int) -> np.ndarray:
-    return _by_columns(at, pin.getJointJacobian(at.model, at.data, joint, pin.ReferenceFrame.WORLD))
-
-
-def _own_gradients(at: Kinematics, frame: int) -> np.ndarray:
+def _own_gradients(model: pin.Model, data: pin.Data, frame: int) -> np.ndarray:
     """Derivatives of the frame's velocity and acceleration in its own axes, (2, 6, nv)."""
-    found = pin.getFrameAccelerationDerivatives(at.model, at.data, frame, OWN_AXES)[:2]
-    return np.array([_by_columns(at, each) for each in found])
+    found = pin.getFrameAccelerationDerivatives(model, data, frame, OWN_AXES)[:2]
+    return np.array([each.reshape(6, model.nv) for each in found])
 
 
-def _frame_gradients(at: Kinematics, frame: int) -> np.ndarray:
+def _frame_gradients(model: pin.Model, data: pin.Data, frame: int) -> np.ndarray:
     """Derivatives of velocity, angular velocity, classical and angular acceleration, in world axes, (4, 3, nv).
 
     Pinocchio differentiates components along the frame's own axes. The rotation to world axes adds a term, because the
     frame's rotation depends on q.
     """
-    turn = pin.updateFramePlacement(at.model, at.data, frame).rotation
-    twist = _jacobian(at, frame, OWN_AXES)[3:]  # own rotation for unit motions of the coordinates
-    v = pin.getFrameVelocity(at.model, at.data, frame, OWN_AXES)
-    a = pin.getFrameAcceleration(at.model, at.data, frame, OWN_AXES)
-    v_q, a_q = _own_gradients(at, frame)
+    turn = pin.updateFramePlacement(model, data, frame).rotation
+    # Own rotation for unit motions of the coordinates.
+    twist = pin.getFrameJacobian(model, data, frame, OWN_AXES).reshape(6, model.nv)[3:]
+    v = pin.getFrameVelocity(model, data, frame, OWN_AXES)
+    a = pin.getFrameAcceleration(model, data, frame, OWN_AXES)
+    v_q, a_q = _own_gradients(model, data, frame)
     # Classical acceleration of the origin: spatial acceleration plus angular velocity x linear velocity.
     point = a.linear + np.cross(v.angular, v.linear)
     point_q = a_q[:3] - pin.skew(v.linear) @ v_q[3:] + pin.skew(v.angular) @ v_q[:3]
@@ -528,11 +518,6 @@ def _inverse_dynamics_gradient(
     model: pin.Model, data: pin.Data, q: np.ndarray, v: np.ndarray, w: np.ndarray
 ) -> np.ndarray:
     return pin.computeRNEADerivatives(model, data, q, v, w)[0].reshape(model.nv, model.nv).copy()  # it is a view
-
-
-def _by_columns(at: Kinematics, matrix: np.ndarray) -> np.ndarray:
-    """Matrix (6, nv) from Pinocchio, which returns (6,) for a robot with one degree of freedom."""
-    return matrix.reshape(6, at.nv)
 
 
 def over_states(function: Callable[..., object], shape: tuple[int, ...], *arrays: np.ndarray) -> np.ndarray:
