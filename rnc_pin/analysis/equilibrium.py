@@ -411,10 +411,10 @@ def find_symmetries(reduced: ReducedModel, q: np.ndarray, cyclic: Sequence[str] 
     generator = np.random.default_rng(0)
     for configuration in _sampled(reduced, q, generator):
         here = reduced.with_basis_at(configuration)
-        changes = _changes(here, configuration, generator)
+        joints, bodies, others = _changes(here, configuration, generator)
         X, _, misfit = _whole_motions(model, data, configuration)
-        of_robot += [misfit, *(_scaled(each) @ X for each in (changes.bodies, *changes.others))]
-        of_joints += [_scaled(each) for each in (changes.joints, *changes.others)]
+        of_robot += [misfit, *(_scaled(each) @ X for each in (bodies, *others))]
+        of_joints += [_scaled(each) for each in (joints, *others)]
     columns = [_null_space(np.vstack(of_joints)), *(np.eye(robot.nv)[:, entries_of(robot, name)] for name in cyclic)]
     return Symmetries(reduced, _null_space(np.vstack(of_robot)), scipy.linalg.orth(np.hstack(columns)))
 
@@ -430,18 +430,14 @@ def entries_of(robot: Robot, name: str) -> list[int]:
     return [names.index(name)] if name in names else [*range(robot.nv)[robot.velocity_indices(name)]]
 
 
-class _Changes(NamedTuple):
-    """Changes of the system along each direction, (k, nv) each, at given velocities and inputs."""
+def _changes(
+    reduced: ReducedModel, q: np.ndarray, generator: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
+    """Changes of the system along each direction, (k, nv) each, at random velocities and inputs.
 
-    joints: np.ndarray
-    """Changes of the velocity in axes that move along with the joints."""
-    bodies: np.ndarray
-    """Changes of all body velocities in body axes; these show motions of the whole robot."""
-    others: tuple[np.ndarray, np.ndarray]
-    """Changes of the reduced accelerations, and of the holonomic rows."""
-
-
-def _changes(reduced: ReducedModel, q: np.ndarray, generator: np.random.Generator) -> _Changes:
+    First those of the velocity in axes that move along with the joints, then those of all body velocities in body axes,
+    which show motions of the whole robot; last those of the reduced accelerations, and of the holonomic rows.
+    """
     v2, T = generator.normal(size=reduced.r), generator.normal(size=reduced.p)
     derivatives = state_derivatives(reduced, q, v2, T)
     model, assembly = reduced.robot.model, reduced.assembly
@@ -457,7 +453,7 @@ def _changes(reduced: ReducedModel, q: np.ndarray, generator: np.random.Generato
     bracket, v = frame_bracket(model), derivatives.v
     # Velocities are in moving frames: the change along a field has the bracket of the joints' groups too.
     carried = np.stack([bracket(each, v) for each in np.eye(reduced.n)], axis=-1)
-    return _Changes(derivatives.v_q + carried, np.vstack(bodies), (derivatives.v2_dot_q, closing))
+    return derivatives.v_q + carried, np.vstack(bodies), (derivatives.v2_dot_q, closing)
 
 
 def _sampled(reduced: ReducedModel, q: np.ndarray, generator: np.random.Generator) -> list[np.ndarray]:
