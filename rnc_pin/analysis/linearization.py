@@ -23,7 +23,7 @@ from rnc_pin.errors import (
     check_extra,
     place_of,
 )
-from rnc_pin.math.linear_algebra import null_space
+from rnc_pin.math.linear_algebra import null_space, weakest_rows
 from rnc_pin.model.independence import ROUNDING
 from rnc_pin.model.input_validation import admit_numbers
 from rnc_pin.model.kinematics import Kinematics
@@ -339,16 +339,16 @@ def lqr(linear: Linearization, state_cost: Cost, input_cost: Cost = 1.0) -> Floa
             continue
         # Hautus' test: [A - s I, B] loses rank for a mode that no input reaches, [A - s I; Q] for one without a cost.
         shifted = A - mode * np.eye(len(A))
-        left, values, _ = np.linalg.svd(np.hstack([shifted / size, B / max(np.abs(B).max(), 1e-300)]))
-        if values[-1] < unreached:
-            names = _moved(left[:, -1], linear.state_names)
+        reached = np.hstack([shifted / size, B / max(np.abs(B).max(), 1e-300)])
+        if np.linalg.svd(reached, compute_uv=False)[-1] < unreached:
+            names = ", ".join(weakest_rows(reached, linear.state_names))
             raise ConstraintError(
                 f"the actuators {', '.join(linear.input_names)} do not control a mode that is not stable: "
                 f"it moves {names}; leave out what rows hold (coordinates= and rates= of linearize), or add actuators"
             )
-        _, values, right = np.linalg.svd(np.vstack([shifted / size, Q / max(np.abs(Q).max(), 1e-300)]))
-        if values[-1] < unreached and abs(mode.real) <= slow * size:
-            names = _moved(right[-1], linear.state_names)
+        costly = np.vstack([shifted / size, Q / max(np.abs(Q).max(), 1e-300)])
+        if np.linalg.svd(costly, compute_uv=False)[-1] < unreached and abs(mode.real) <= slow * size:
+            names = ", ".join(weakest_rows(costly.T, linear.state_names))
             raise ConstraintError(f"state_cost: a mode that is not stable has zero cost: it moves {names}")
     try:
         P = scipy.linalg.solve_continuous_are(A, B, Q, R)
@@ -381,11 +381,6 @@ def check_sampling(linear: Linearization, K: Float[Array, "p s"], dt: float) -> 
             f"the closed loop is unstable in discrete time: its fastest eigenvalue is {fastest:.3g}/s "
             f"and the sampling period {dt:g} s; reduce the sampling period (simulation.dt) or raise input_cost"
         )
-
-
-def _moved(vector: Array, names: Sequence[str]) -> str:
-    weights = np.abs(vector)
-    return ", ".join(name for name, weight in zip(names, weights, strict=True) if weight > 0.1 * weights.max())
 
 
 def _cost(given: Cost, names: Sequence[str], what: str) -> Array:
