@@ -468,7 +468,35 @@ def _outward(rotation: np.ndarray, normal: np.ndarray) -> np.ndarray:
     return -apply_transposed(rotation, np.broadcast_to(normal, rotation.shape[:-1]))
 
 
-class _RollingBodyRows(BodyContactRows):
+class _PlaneContactRows(BodyContactRows):
+    """Rows of a body at its contact with a plane, along the axes of the plane.
+
+    Args:
+        frame: name of the body's frame.
+        center: point of the frame (3,) above the contact, in its own axes [m].
+        pivots: True if the body may turn about the normal.
+        plane: the plane.
+        robot: the robot.
+    """
+
+    def __init__(self, frame: str, center: np.ndarray, pivots: bool, plane: GroundPlane, robot: Robot) -> None:
+        self.frame, self.ground = robot.frame_id(frame), None if plane.is_default else plane
+        self.twist, self.affine = plane.twist, plane.moves
+        self._axes, self._normal, self._point = plane.axes, plane.axes[2], np.asarray(plane.point, dtype=float)
+        self.name_rows(frame, center, pivots)
+
+    @abstractmethod
+    def _contact(self, at: PositionKinematics) -> np.ndarray:
+        """Contact point (..., 3) in the world."""
+
+    def residual(self, at: PositionKinematics) -> np.ndarray:
+        return ((self._contact(at) - self._point) @ self._normal)[..., None] * self.holonomic
+
+    def contact_axes(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
+        return self._contact(at), self._axes
+
+
+class _RollingBodyRows(_PlaneContactRows):
     """Velocity of the material at the contact point, along the axes of the plane.
 
     The arm goes from the frame's origin to the contact point. In the shape's axes the outward normal there turns at
@@ -476,12 +504,8 @@ class _RollingBodyRows(BodyContactRows):
     """
 
     def __init__(self, kind: RollingBody, shape: BodyShape, plane: GroundPlane, robot: Robot) -> None:
-        self._shape, self.frame = shape, robot.frame_id(kind.frame)
-        self._center, self._turned = kind.placement.translation, kind.placement.rotation
-        self.ground = None if plane.is_default else plane
-        self.twist, self.affine = plane.twist, plane.moves
-        self._axes, self._normal, self._point = plane.axes, plane.axes[2], np.asarray(plane.point, dtype=float)
-        self.name_rows(kind.frame, self._center, kind.pivoting)
+        self._shape, self._center, self._turned = shape, kind.placement.translation, kind.placement.rotation
+        super().__init__(kind.frame, self._center, kind.pivoting, plane, robot)
 
     def _arm(self, rotation: np.ndarray) -> np.ndarray:
         center = apply(rotation, np.broadcast_to(self._center, rotation.shape[:-1]))
@@ -512,9 +536,6 @@ class _RollingBodyRows(BodyContactRows):
         rotation, origin = at.placement(self.frame)
         return origin + self._arm(rotation)
 
-    def residual(self, at: PositionKinematics) -> np.ndarray:
-        return ((self._contact(at) - self._point) @ self._normal)[..., None] * self.holonomic
-
     # ------------------------------------------------------------------ descriptions
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
@@ -527,9 +548,6 @@ class _RollingBodyRows(BodyContactRows):
         numbers = [[*axis, *self._normal, *support] for axis in self._axes]
         pivot = wrench_rows(Form.WORLD, frame, [[0.0, 0.0, 0.0, *self._normal]], self.twist)
         return [*wrench_rows(Form.ROLLING, frame, numbers, self.twist), *pivot][: len(self.names)]
-
-    def contact_axes(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
-        return self._contact(at), self._axes
 
 
 @dataclass(frozen=True)
@@ -572,34 +590,17 @@ class RollingBall:
         return RollingBody(self.frame, Sphere(self.radius), ground=self.ground).bind(robot)
 
 
-class _RollingBallRows(ConstantWrenchRows):
+class _RollingBallRows(_PlaneContactRows, ConstantWrenchRows):
     """Velocity of the material at a constant arm from the centre, along the axes of the plane."""
 
-    holonomic = (False, False, True)
-    on_ground = True
-    units = ("m/s",) * 3
-
     def __init__(self, kind: RollingBall, plane: GroundPlane, robot: Robot) -> None:
-        self.names = tuple(f"{part}({kind.frame})" for part in ("rolling_x", "rolling_y", "vertical"))
-        self._ball, self.frame = kind, robot.frame_id(kind.frame)
-        self.ground = None if plane.is_default else plane
-        self.twist, self.affine = plane.twist, plane.moves
-        self._plane, self._axes, self._arm = plane, plane.axes, -kind.radius * plane.axes[2]
+        super().__init__(kind.frame, np.zeros(3), True, plane, robot)
+        self._ball, self._arm = kind, -kind.radius * self._normal
         # The arm is constant in the world, so the rows are constant wrenches.
         self.matrix = np.hstack([self._axes, np.cross(self._arm, self._axes)])
 
-    def residual(self, at: PositionKinematics) -> np.ndarray:
-        height = (self._contact(at) - self._plane.point) @ self._axes[2]
-        return np.asarray(height)[..., None] * [0.0, 0.0, 1.0]
-
     def _contact(self, at: PositionKinematics) -> np.ndarray:
-        """Contact point (..., 3) in the world."""
         return np.asarray(at.placement(self.frame).translation + self._arm)
-
-    def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
-        contact = self._contact(at)[..., None, :]
-        shape = (*contact.shape[:-2], 3, 3)
-        return np.broadcast_to(contact, shape), np.broadcast_to(self._axes, shape)
 
     def mechanisms(self) -> tuple[GroundContact]:
         return (GroundContact(self._ball.frame, self._ball.radius),)
