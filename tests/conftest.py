@@ -1,4 +1,4 @@
-"""Shapes in annotations are checked while tests run; slow tests are listed; the command line as a fixture."""
+"""Shapes in annotations are checked while tests run; slow tests are listed; fixtures that many files share."""
 
 import gc
 import os
@@ -90,6 +90,22 @@ def pytest_unconfigure():
 
 def pytest_runtest_setup():
     shape_checker.start_again()
+
+
+@pytest.fixture
+def generator():
+    """Random numbers, the same for each test."""
+    import numpy as np
+
+    return np.random.default_rng(0)
+
+
+@pytest.fixture
+def robot():
+    """The space robot, a new one for each test; a file may have another one."""
+    import rnc_pin as rnc
+
+    return rnc.Robot.from_urdf("space_robot.urdf")
 
 
 @pytest.fixture

@@ -116,11 +116,10 @@ def test_a_damped_oscillator_is_the_closed_form():
     assert plant.work < -0.4 * start  # the damper's
 
 
-def test_mujoco_moves_as_the_reduced_plant():
+def test_mujoco_moves_as_the_reduced_plant(robot):
     pytest.importorskip("mujoco")
     from rnc_pin.lab.mujoco import MuJoCoPlant
 
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
     drag = ForceFunction(lambda q, v: -3.0 * np.abs(v) * v, name="drag")
     forces = [Spring(rnc.JointPosition("joint_1"), 30.0, 0.4), Damper(rnc.Distance("platform_body", "tip"), 5.0),
               Wrench("tip", (3.0, 1.0, 0.0), axes="own"), drag]  # fmt: skip
@@ -162,8 +161,7 @@ test_wrong_forces_are_refused_by_name = refused([
 ], lambda make: of_arm([make()]))  # fmt: skip
 
 
-def test_a_force_on_a_conserved_momentum_is_refused():
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
+def test_a_force_on_a_conserved_momentum_is_refused(robot):
     momentum, joints = [rnc.MomentumConservation("platform")], robot.joint_names[1:]
     within = Spring(rnc.Distance("platform_body", "tip"), 3.0)
     assert "distance" in str(rnc.NonholonomicSystem(robot, momentum, joints, forces=[within]))

@@ -35,8 +35,7 @@ def reaction_wheels():
 
 
 @pytest.mark.parametrize("length", [0.0, 1e-7, 9e-3, 1.1e-2, 1.0, 3.0, 5.0])
-def test_left_jacobian_and_its_rate(length):
-    generator = np.random.default_rng(0)
+def test_left_jacobian_and_its_rate(length, generator):
     axis, r_dot = generator.normal(size=3), generator.normal(size=3)
     r = length * axis / np.linalg.norm(axis)
     J, J_dot = left_jacobian(r, r_dot)
@@ -210,7 +209,7 @@ def test_the_centre_of_mass_is_pinocchios(name):
         np.testing.assert_allclose(rows.jacobian(at), pin.jacobianCenterOfMass(robot.model, data, q), atol=ROUNDING)
 
 
-def test_a_free_robot_moves_its_centre_of_mass_as_gravity_says():
+def test_a_free_robot_moves_its_centre_of_mass_as_gravity_says(generator):
     """As a reducing output it obeys Newton's law: no torque of a joint moves it."""
     model = rnc.Robot.from_urdf("floating_arm.urdf", base="free").model.copy()
     model.gravity.linear = np.array([0.0, 0.0, -1.6])
@@ -218,7 +217,6 @@ def test_a_free_robot_moves_its_centre_of_mass_as_gravity_says():
     others = [*(rnc.FrameAngularVelocity("satellite", axis) for axis in "xyz"), rnc.JointPosition("shoulder")]
     system = rnc.NonholonomicSystem(robot, [], ["shoulder", "elbow"])
     reduced = system.reduce([rnc.CenterOfMass(), *others, rnc.JointPosition("elbow")])
-    generator = np.random.default_rng(0)
     q, v2 = robot.random_configuration(generator), generator.normal(size=8)
     found = reduced.forward_dynamics(q, v2, [3.0, -2.0])
     np.testing.assert_allclose(found[:3], [0.0, 0.0, -1.6], atol=1e-10)

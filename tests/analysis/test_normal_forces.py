@@ -28,10 +28,9 @@ def cart(base, gravity=None):
     return reduced, reduced.assembled(robot.configuration())
 
 
-def test_forces_from_the_motion_are_the_multipliers_of_a_free_base():
+def test_forces_from_the_motion_are_the_multipliers_of_a_free_base(generator):
     """The same robot twice: on a planar base no row carries, on a free base three rows do."""
     (planar, q_planar), (free, q_free) = cart("planar"), cart("free")
-    generator = np.random.default_rng(0)
     v2, T = generator.normal(size=(20, 2)) * 8.0, generator.normal(size=(20, 2)) * 20.0
     ours = NormalForces(planar).at(planar.at(np.tile(q_planar, (20, 1)), v2), T)
     state = free.at(np.tile(q_free, (20, 1)), v2)

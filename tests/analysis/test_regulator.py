@@ -18,9 +18,8 @@ def test_the_gain_of_one_state_is_that_of_the_closed_form(a):
             np.testing.assert_allclose(rnc.lqr(linear([[a]], [[b]]), state_cost, input_cost), [[expected]])
 
 
-def test_a_gain_for_inputs_that_cost_together_is_the_least():
+def test_a_gain_for_inputs_that_cost_together_is_the_least(generator):
     """No other gain costs less: the cost of a start x is ``x^T P x``, by the equation of Lyapunov."""
-    generator = np.random.default_rng(0)
     system = linear(generator.normal(size=(3, 3)), generator.normal(size=(3, 2)))
     Q, R = np.diag([1.0, 0.0, 2.0]), np.array([[2.0, 0.7], [0.7, 0.5]])
     K = rnc.lqr(system, {"x0": 1.0, "x2": 2.0}, R)
@@ -98,9 +97,8 @@ test_costs_that_are_none_are_refused = refused([
 ], lambda costs: rnc.lqr(linear([[0.0, 1.0], [0.0, 0.0]], [[0.0], [1.0]]), *costs), rnc.ConfigurationError)  # fmt: skip
 
 
-def test_default_coordinates_leave_out_what_rows_hold():
+def test_default_coordinates_leave_out_what_rows_hold(robot):
     """A welded joint, and two joints that move by equal amounts: what is left is regulated."""
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
     rows = [rnc.FixedOutput(rnc.JointPosition("joint_3"), 0.4), rnc.JointCoupling("joint_1", "joint_2", 1.0, 0.0)]
     reduced = rnc.NonholonomicSystem(robot, rows, robot.joint_names).reduce()
     system = rnc.linearize(reduced, robot.configuration({"joint_3": 0.4}))

@@ -23,9 +23,8 @@ def test_lemma_1_holds_in_the_report_and_it_is_json(name):
     assert content["actuation_rank"] == content["r"]
 
 
-def test_lemma_1_is_denied_to_wrong_rates():
+def test_lemma_1_is_denied_to_wrong_rates(robot):
     """The residuals can fail: the rate of a constraint becomes wrong after it was checked."""
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
 
     def rows(q):
         return np.array([[1.0, np.sin(q[1]), 0.2, 0.1]])

@@ -15,9 +15,8 @@ def test_a_failed_search_of_a_depth_is_an_error(monkeypatch):
         measurement.measure(np.array([0]), np.tile(np.eye(3), (2, 1, 1)), np.zeros((2, 3)))
 
 
-def test_wheels_that_touch_have_distance_0_at_every_turn():
+def test_wheels_that_touch_have_distance_0_at_every_turn(generator):
     """Two wheels of 0.1 m whose axles are 0.2 m apart: coal fails with its finest tolerance in 1 of 100 poses."""
-    generator = np.random.default_rng(0)
     measurement = PairMeasurement([coal.Cylinder(0.1, 0.04)] * 2, [LinkPair(0, 1, ("front", "rear"))])
     for _ in range(1000):
         turned = np.linalg.qr(generator.standard_normal((3, 3)))[0]

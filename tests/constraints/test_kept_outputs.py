@@ -15,11 +15,6 @@ from rnc_pin.motion.planning import Harmonic, Hold, InTurn, MinimumJerk
 from simple_controllers import Idle
 
 
-@pytest.fixture(scope="module")
-def robot():
-    return rnc.Robot.from_urdf("space_robot.urdf")
-
-
 def test_an_impact_takes_the_time_of_a_prescribed_motion(robot):
     swing = Harmonic([0.0], [0.3], 0.5)
     driven = rnc.PrescribedMotion(rnc.JointPosition("joint_1"), swing)
@@ -33,11 +28,6 @@ def test_an_impact_takes_the_time_of_a_prescribed_motion(robot):
 
 
 LENGTH, MASS, GRAVITY = 0.4, 1.3, 9.81
-
-
-@pytest.fixture
-def rng():
-    return np.random.default_rng(5)
 
 
 @pytest.fixture(scope="module")
@@ -79,8 +69,8 @@ def test_a_loop_counts_the_time_of_the_constraints_from_its_first_step(pendulum)
         assert np.abs(loop.last.measurement.residual).max() < 1e-12
 
 
-def test_evaluations_need_the_time_and_take_one_for_each_state(pendulum, rng):
-    reduced, q, v2 = pendulum.reduced, rng.uniform(-0.3, 0.3, (4, 2)), rng.uniform(-1, 1, (4, 1))
+def test_evaluations_need_the_time_and_take_one_for_each_state(pendulum, generator):
+    reduced, q, v2 = pendulum.reduced, generator.uniform(-0.3, 0.3, (4, 2)), generator.uniform(-1, 1, (4, 1))
     times = np.array([0.05, 0.1, 0.3, 0.9])
     together = reduced.at(q, v2, t=times)
     for k, t in enumerate(times):
@@ -115,15 +105,15 @@ OUTPUTS = {
 
 
 @pytest.mark.parametrize("name", OUTPUTS)
-def test_rates_of_the_rows_are_those_of_their_residual_over_time(name, rng):
+def test_rates_of_the_rows_are_those_of_their_residual_over_time(name, generator):
     """On a free-flying body, along a motion that satisfies the rows: differences over time of all that has a rate."""
     model = pin.Model()
     body = add_body(model, "root_joint", "FreeFlyer", 2.0)
     add_frame(model, "hand", body, pin.SE3(pin.exp3(np.array([0.3, -0.5, 0.9])), np.array([0.2, 0.1, -0.4])))
     robot, (output, size) = rnc.Robot(model), OUTPUTS[name]
-    motion = MinimumJerk(rng.uniform(-0.4, 0.4, size), rng.uniform(-0.4, 0.4, size), 1.3)
+    motion = MinimumJerk(generator.uniform(-0.4, 0.4, size), generator.uniform(-0.4, 0.4, size), 1.3)
     rows = rnc.PrescribedMotion(output, motion).bind(robot)
-    kinematics, q, t = Kinematics(robot), robot.random_configuration(rng), 0.6
+    kinematics, q, t = Kinematics(robot), robot.random_configuration(generator), 0.6
 
     def at(s, v=None):
         here = kinematics.position(pin.integrate(model, q, s * along), t + s)
@@ -150,9 +140,8 @@ def test_rates_of_the_rows_are_those_of_their_residual_over_time(name, rng):
         np.testing.assert_allclose(difference(rows.residual), 0.0, atol=1e-8)
 
 
-def test_a_holonomic_row_of_the_user_may_move():
+def test_a_holonomic_row_of_the_user_may_move(robot):
     """The first joint follows sin(2 t); its functions take one number as time."""
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
     rate, residual = lambda q, t: np.array([2 * np.cos(2 * float(t))]), lambda q, t: q[1:2] - np.sin(2 * float(t))
     driven = rnc.Pfaffian(lambda q, t: np.eye(4)[1:2], rate=rate, residual=residual, rheonomic=True)
     reduced = rnc.NonholonomicSystem(robot, [driven], ["joint_2", "joint_3"]).reduce()
@@ -161,8 +150,7 @@ def test_a_holonomic_row_of_the_user_may_move():
     assert np.ptp(run.energy - run.work) < 1e-9
 
 
-def test_rows_that_demand_two_things_are_refused():
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
+def test_rows_that_demand_two_things_are_refused(robot):
     row = np.eye(4)[:1]
 
     def turning(speed, name):

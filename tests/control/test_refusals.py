@@ -69,8 +69,7 @@ def refusals():
 test_what_is_refused_is_said = refused(refusals())
 
 
-def test_servos_refuse_constraints_that_depend_on_time():
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
+def test_servos_refuse_constraints_that_depend_on_time(robot):
     swing = rnc.planning.Harmonic([0.0], amplitude=[0.3], frequency=0.5)
     kinds = [rnc.MomentumConservation("platform"), rnc.PrescribedMotion(rnc.JointPosition("joint_1"), swing)]
     reduced = rnc.NonholonomicSystem(robot, kinds, ["joint_2", "joint_3"]).reduce()

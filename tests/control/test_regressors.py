@@ -223,7 +223,7 @@ def test_unknown_wheels_say_which_rows_they_enter_and_no_others():
 
 @pytest.mark.parametrize("roller", [None, 0.7])
 @pytest.mark.parametrize(("radii", "p"), [((), [0.6]), ((UnknownRadius(["left", "right"]),), [0.6, 0.2])])
-def test_the_prediction_error_is_the_rate_of_the_rows_for_any_motion(roller, radii, p):
+def test_the_prediction_error_is_the_rate_of_the_rows_for_any_motion(roller, radii, p, generator):
     """Wheels that lean, with rollers or without: ``Y p - y = A v`` at the true radii and tracks."""
     robot = two_wheeled_cart(pin.JointModelFreeFlyer())
     wheels = [rnc.RollingWheel(name, 0.2, roller=roller) for name in ("left", "right")]
@@ -231,7 +231,6 @@ def test_the_prediction_error_is_the_rate_of_the_rows_for_any_motion(roller, rad
     regressor = WheelRegressor(reduced, [UnknownTrack(["left", "right"]), *radii])
     np.testing.assert_allclose(regressor.values_of(rnc.NonholonomicSystem(robot, wheels)), p, atol=1e-15)
     places = [reduced.constraints.names.index(name) for name in regressor.predicted]
-    generator = np.random.default_rng(0)
     for _ in range(4):
         q, v = robot.random_configuration(generator), generator.normal(size=robot.nv)
         y, Y = regressor.regress(q, v)

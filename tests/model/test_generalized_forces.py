@@ -127,8 +127,7 @@ def test_units_of_actuators_make_them_no_less_independent(unit):
     np.testing.assert_allclose(T * [unit, 1.0, 1.0], [1.0, 2.0, 3.0], rtol=1e-12)
 
 
-def test_later_changes_of_given_actuators_change_no_system():
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
+def test_later_changes_of_given_actuators_change_no_system(robot):
     names, matrix = ["joint_1", "joint_2"], np.eye(4)[:, 1:]
     by_name, by_matrix = (rnc.NonholonomicSystem(robot, [], each) for each in (names, matrix))
     names.append("nonsense")

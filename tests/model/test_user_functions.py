@@ -11,19 +11,14 @@ from rnc_pin.model.user_functions import DerivedRate, check_rate
 from simple_controllers import Inputs
 
 
-@pytest.fixture
-def rng():
-    return np.random.default_rng(7)
-
-
 def sleigh(q):
     """Knife edge on a planar base, in the coordinates of a fixed frame, with tenths of a metre."""
     return np.array([[-np.sin(3 * q[0]) * np.exp(q[1]), np.cos(q[2]) / (2 + q[0] ** 2), 0.1 * q[1], q[3] ** 3]])
 
 
-def test_a_derived_rate_is_that_of_the_closed_form(rng):
-    rate = DerivedRate(rnc.Robot.from_urdf("space_robot.urdf"), sleigh, "rows(q)")
-    q, v = rng.uniform(-1, 1, 4), rng.normal(size=4)
+def test_a_derived_rate_is_that_of_the_closed_form(generator, robot):
+    rate = DerivedRate(robot, sleigh, "rows(q)")
+    q, v = generator.uniform(-1, 1, 4), generator.normal(size=4)
     exact = [
         -3 * v[0] * np.cos(3 * q[0]) * np.exp(q[1]) - np.sin(3 * q[0]) * np.exp(q[1]) * v[1],
         -np.sin(q[2]) * v[2] / (2 + q[0] ** 2) - np.cos(q[2]) * 2 * q[0] * v[0] / (2 + q[0] ** 2) ** 2,
@@ -34,8 +29,8 @@ def test_a_derived_rate_is_that_of_the_closed_form(rng):
     np.testing.assert_array_equal(rate(q, 0 * v), 0 * rate(q, v))
 
 
-def test_functions_may_return_the_same_memory_each_time(rng):
-    robot, memory = rnc.Robot.from_urdf("space_robot.urdf"), np.zeros((1, 4))
+def test_functions_may_return_the_same_memory_each_time(generator, robot):
+    memory = np.zeros((1, 4))
 
     def turning(q):
         return np.array([[1.0, np.sin(float(q[1])), 0.0, float(q[3])]])
@@ -49,15 +44,14 @@ def test_functions_may_return_the_same_memory_each_time(rng):
         return rnc.NonholonomicSystem(robot, [own], robot.joint_names[1:]).reduce()
 
     systems = [system(turning), system(in_place)]
-    q, v2, T = robot.random_configuration(rng), rng.normal(size=3), rng.normal(size=3)
+    q, v2, T = robot.random_configuration(generator), generator.normal(size=3), generator.normal(size=3)
     expected, found = (each.forward_dynamics(q, v2, T) for each in systems)
     np.testing.assert_array_equal(found, expected)
     assert np.abs(systems[1].at(q, v2).A_dot).max() > 0.1
 
 
 @pytest.mark.parametrize(("factor", "what"), [(1.0, None), (1.4, "is 1.4"), (-1.0, "differences give -1")])
-def test_a_residual_has_the_rate_of_its_rows(factor, what):
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
+def test_a_residual_has_the_rate_of_its_rows(factor, what, robot):
     row = np.array([[0.0, 1.0, 0.0, 0.0]])
     kept = rnc.Pfaffian(lambda q: abs(factor) * row, names=["kept"], residual=lambda q: np.sign(factor) * q[1:2] - 0.3)
     if what is None:
@@ -86,8 +80,7 @@ def bend_rate(q, v, sign=1.0):
     (rnc.Pfaffian(lambda q: np.eye(4)[:1], rate=lambda q: np.sin(q[:1]),
         rate_dot=lambda q, v: np.cos(q[:1]) * v[:1] * 1.001), r"rate_dot\(q, v\).*'row\[0\]'.*differences give"),
 ])  # fmt: skip
-def test_a_wrong_rate_is_refused_with_row_entry_and_both_values(kind, words):
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
+def test_a_wrong_rate_is_refused_with_row_entry_and_both_values(kind, words, robot):
     if words is None:
         kind.bind(robot)
     else:
@@ -95,7 +88,7 @@ def test_a_wrong_rate_is_refused_with_row_entry_and_both_values(kind, words):
             kind.bind(robot)
 
 
-def test_a_rate_that_is_right_at_one_state_by_chance_is_refused():
+def test_a_rate_that_is_right_at_one_state_by_chance_is_refused(robot):
     states = []
 
     def rate(q, v):
@@ -103,13 +96,13 @@ def test_a_rate_that_is_right_at_one_state_by_chance_is_refused():
         return bend_rate(q, v, 1.0 if len(states) == 1 else -1.0)
 
     with pytest.raises(rnc.ConstraintError, match="differences give"):
-        check_rate(rnc.Robot.from_urdf("space_robot.urdf"), bend, rate, ("rows(q)", "rows_dot(q, v)"), ["a", "b"])
+        check_rate(robot, bend, rate, ("rows(q)", "rows_dot(q, v)"), ["a", "b"])
     assert len(states) == 2
 
 
-def test_no_rate_is_checked_next_to_where_a_function_is_undefined():
+def test_no_rate_is_checked_next_to_where_a_function_is_undefined(robot):
     """It is undefined between a twentieth and a fifth of the way from the first random state along its velocity."""
-    robot, states = rnc.Robot.from_urdf("space_robot.urdf"), []
+    states = []
     check_rate(robot, bend, lambda q, v: states.append((q, v)) or bend_rate(q, v), ("", ""), ["a", "b"])
     (first, along), beside = states
 
@@ -123,8 +116,7 @@ def test_no_rate_is_checked_next_to_where_a_function_is_undefined():
     assert len(states) == 2
 
 
-def test_the_rate_of_an_angle_is_checked_where_it_jumps_by_a_turn(rng):
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
+def test_the_rate_of_an_angle_is_checked_where_it_jumps_by_a_turn(robot):
 
     def angle(q):
         return np.remainder(9.0 * q[:1], 2 * np.pi)
@@ -144,16 +136,14 @@ def test_the_rate_of_an_angle_is_checked_where_it_jumps_by_a_turn(rng):
         check_rate(robot, jumping, unsteady, *check[1:], angular=True)
 
 
-def test_a_rate_over_time_includes_its_flow(rng):
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
+def test_a_rate_over_time_includes_its_flow(generator, robot):
     rate = DerivedRate(robot, lambda q, t: np.array([np.sin(q[1] * t), q[0] * t**2]), "target(q, t)", timed=True)
-    (q, v), t = rng.normal(size=(2, 4)), 0.7
+    (q, v), t = generator.normal(size=(2, 4)), 0.7
     exact = [np.cos(q[1] * t) * (v[1] * t + q[1]), v[0] * t**2 + 2 * q[0] * t]
     np.testing.assert_allclose(rate(q, v, t), exact, atol=1e-10)
 
 
-def test_rows_that_jump_have_no_rate_to_derive():
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
+def test_rows_that_jump_have_no_rate_to_derive(robot):
     with pytest.raises(rnc.ConstraintError, match="has no rate that differences can find"):
         rnc.Pfaffian(lambda q: np.array([[1.0, np.floor(1e4 * q[1]), 0.0, 0.0]])).bind(robot)
 
@@ -162,9 +152,8 @@ LEVEL, RATE = np.array([[0.0, 0.0, 1.0, 1.0]]), np.zeros((1, 4))
 
 
 @pytest.mark.parametrize("bad", [np.zeros((1, 3)), np.zeros((2, 4)), None, "x", [[1, 2], [3]]])
-def test_what_is_no_row_while_differences_are_taken_is_refused_with_its_shape(bad):
+def test_what_is_no_row_while_differences_are_taken_is_refused_with_its_shape(bad, robot):
     """The first configuration, by which the number of rows is known, is the neutral one."""
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
     jacobian, value = (lambda q, good=good: bad if q.any() else good for good in (LEVEL, np.zeros(1)))
     for build in (
         lambda: rnc.Pfaffian(jacobian),
@@ -177,8 +166,8 @@ def test_what_is_no_row_while_differences_are_taken_is_refused_with_its_shape(ba
 
 
 @pytest.mark.parametrize("where", ["rows", "rows_dot", "force", "B", "value", "reducing", "jacobian", "jacobian_dot"])
-def test_a_function_that_is_not_finite_in_mid_run_is_named(where):
-    robot, begun = rnc.Robot.from_urdf("space_robot.urdf"), []
+def test_a_function_that_is_not_finite_in_mid_run_is_named(where, robot):
+    begun = []
 
     def until(name, good):
         lost = np.nan if name == where else 0.0
@@ -198,8 +187,7 @@ def test_a_function_that_is_not_finite_in_mid_run_is_named(where):
         rnc.simulate(reduced, Inputs(lambda t: [5.0, 0.0, 0.0, 0.0]), robot.configuration(), 1.0, 0.01)
 
 
-def test_joints_that_are_added_after_reduction_are_refused_in_one_line():
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
+def test_joints_that_are_added_after_reduction_are_refused_in_one_line(robot):
     system, q, v = rnc.NonholonomicSystem(robot), robot.configuration(), np.zeros(4)
     reduced = system.reduce()
     robot.model.addJoint(4, pin.JointModelRX(), pin.SE3.Identity(), "new")

@@ -65,11 +65,10 @@ def test_gravity_is_the_one_given_and_the_earths_otherwise():
         {"panda_joint4": -1.2, "panda_finger_joint1": 0.02}),
     (lambda **options: rnc.Robot.from_example("double_pendulum_continuous", **options), {"joint2": 0.9}),
 ], ids=["space_robot", "fire_truck", "panda", "continuous"])  # fmt: skip
-def test_a_locked_joint_is_gone_and_the_rest_moves_as_with_the_joint_held(load, lock):
+def test_a_locked_joint_is_gone_and_the_rest_moves_as_with_the_joint_held(load, lock, generator):
     whole, locked = load(), load(lock=lock)
     assert len(locked.visual_model.geometryObjects) == len(whole.visual_model.geometryObjects)
     assert set(locked.joint_names) == set(whole.joint_names) - set(lock)
-    generator = np.random.default_rng(0)
     q, v = locked.random_configuration(generator), generator.uniform(-1, 1, locked.nv)
     whole_q, whole_v = whole.configuration(lock), np.zeros(whole.nv)
     moving = []

@@ -14,9 +14,8 @@ def test_slower_motions_need_the_share_of_gravity_and_less_of_inertia(gravity, i
     assert found == pytest.approx(scale, rel=1e-6)
 
 
-def test_preflight_watches_the_smallest_singular_value_of_a_square_a4():
+def test_preflight_watches_the_smallest_singular_value_of_a_square_a4(robot):
     """Two joints of three move the tip: A4 is the Jacobian of an arm of two links of 1 m, known in closed form."""
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
     reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce(
         [rnc.JointPosition(name) for name in robot.joint_names], [rnc.FramePosition("tip", "xy")]
     )

@@ -35,11 +35,6 @@ def fire_truck():
     return prepared, execute(prepared)
 
 
-@pytest.fixture(scope="module")
-def robot():
-    return rnc.Robot.from_urdf("space_robot.urdf")
-
-
 def loaded(browser, recording, path, begin=None):
     """The page of a recording, read from a file with the network cut."""
     path.write_text(recording.html(begin), encoding="utf-8")

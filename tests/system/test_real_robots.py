@@ -9,7 +9,7 @@ from bodies import add_body, frame_placement
 from tolerances import ROUNDING
 
 
-def test_a_mounted_robot_moves_as_it_does_alone():
+def test_a_mounted_robot_moves_as_it_does_alone(generator):
     satellite = rnc.Robot.from_urdf("satellite.urdf", base="free", gravity=(0, 0, 0))
     arm = rnc.Robot.from_example("panda")
     place = pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.2, 0.5), np.array([0.1, 0.2, 0.3]))
@@ -19,7 +19,6 @@ def test_a_mounted_robot_moves_as_it_does_alone():
     with_base = rnc.Robot.from_example("panda", base="free")  # a fixed base's own link has its mass, too
     total, *parts = (pin.computeTotalMass(each.model) for each in (both, satellite, with_base))
     assert total == pytest.approx(sum(parts))
-    generator = np.random.default_rng(0)
     base, q = satellite.random_configuration(generator), arm.random_configuration(generator)
     mount, hand = (frame_placement(both, np.r_[base, q], name) for name in ("mount", "panda_hand"))
     assert (mount * place * frame_placement(arm, q, "panda_hand")).isApprox(hand, ROUNDING)

@@ -45,11 +45,6 @@ def run(prepared):
     return execute(prepared).trajectory
 
 
-@pytest.fixture(scope="module")
-def robot():
-    return rnc.Robot.from_urdf("space_robot.urdf")
-
-
 def sample(t, q):
     """Sample that an observer of a bare robot gets."""
     return rnc.simulation.Sample(t, Measurement(q=q), rnc.control.Command(), np.empty(0))

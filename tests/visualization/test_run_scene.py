@@ -23,11 +23,6 @@ from rnc_pin.visualization.run_scene import RunScene, ShownRun
 
 
 @pytest.fixture(scope="module")
-def robot():
-    return rnc.Robot.from_urdf("space_robot.urdf")
-
-
-@pytest.fixture(scope="module")
 def truck():
     """Two seconds of the fire truck: its model and the run."""
     options = {"simulation.duration": 2.0, "simulation.dt": 0.01, "comparisons": {}}
@@ -56,8 +51,7 @@ def test_a_run_that_is_over_stands_still_beside_one_that_goes_on(robot, run):
     np.testing.assert_array_equal(states[-1].x1_desired, run.x1_desired[-1])
 
 
-def test_keyframes_are_the_transforms_that_went_in():
-    generator = np.random.default_rng(0)
+def test_keyframes_are_the_transforms_that_went_in(generator):
     frames = Keyframes(25.0)
     wanted = []
     for frame in range(20):

@@ -36,8 +36,7 @@ def test_unseen_changes_have_no_effect_and_the_rest_is_complete():
     np.testing.assert_allclose(Y[:, base.columns] @ base.matrix, Y, atol=1e-6 * np.abs(Y).max())
 
 
-def test_a_motion_of_one_joint_shows_less_than_the_robot():
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
+def test_a_motion_of_one_joint_shows_less_than_the_robot(robot):
     reduced = rnc.NonholonomicSystem(robot, ()).reduce()
     draw = np.random.default_rng(0)
     v2, v2_dot = draw.normal(size=(2, 30, 4)) * np.eye(4)[3]

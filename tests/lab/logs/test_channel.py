@@ -23,8 +23,7 @@ def test_values_in_gaps_and_outside_are_nan():
     np.testing.assert_allclose(found, [np.nan, 0.0, 0.9, 1.8, np.nan, 10.0, 11.8, np.nan])
 
 
-def test_rotations_between_samples_are_those_of_the_group():
-    generator = np.random.default_rng(0)
+def test_rotations_between_samples_are_those_of_the_group(generator):
     first = pin.SE3.Random()
     turn = pin.Motion(np.zeros(3), generator.normal(size=3))
     last = first * pin.exp6(turn)

@@ -126,8 +126,7 @@ def test_a_space_robot_keeps_its_momentum():
     assert (plant.wheel_names, plant.friction_used().shape) == ((), (0,))
 
 
-def test_geared_joints_and_closed_loops():
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
+def test_geared_joints_and_closed_loops(robot):
     gear = rnc.JointCoupling("joint_2", "joint_1", ratio=-0.5, offset=0.1)
     system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform"), gear], ["joint_1", "joint_3"])
     q0 = system.assembled(robot.configuration({"joint_1": 0.4}), ["joint_1"])
@@ -355,9 +354,8 @@ def test_a_gimbal_without_mass_moves_as_the_reduced_plant():
     np.testing.assert_allclose(ends[1], ends[0], atol=1e-6)
 
 
-def test_what_is_not_finite_is_refused_and_what_becomes_so_ends_the_run(tmp_path, monkeypatch):
+def test_what_is_not_finite_is_refused_and_what_becomes_so_ends_the_run(tmp_path, monkeypatch, robot):
     monkeypatch.chdir(tmp_path)
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
     reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce()
     plant = MuJoCoPlant(reduced)
     plant.reset(robot.configuration(), np.zeros(4))

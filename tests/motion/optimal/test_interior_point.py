@@ -106,9 +106,8 @@ def positive(generator, *shape):
     return root @ root.mT + 0.1 * np.eye(shape[-1])
 
 
-def test_solution_is_that_of_the_dense_equations():
+def test_solution_is_that_of_the_dense_equations(generator):
     """The whole problem in one matrix: costs of all stages, and multipliers of the dynamics."""
-    generator = np.random.default_rng(0)
     AB, H, end = generator.normal(size=(N, NX, NX + NU)), positive(generator, N, NX + NU), positive(generator, NX)
     g, g_end, gap = (generator.normal(size=shape) for shape in ((N, NX + NU, M), (NX, M), (N, NX, M)))
     z, last, costate = RiccatiFactors(AB, H, end).solve(g, g_end, gap)
@@ -129,9 +128,8 @@ def test_solution_is_that_of_the_dense_equations():
 
 
 @pytest.mark.parametrize("library", [_kernel.library, _kernel.NUMPY_ALONE])
-def test_a_problem_that_is_not_convex_is_refused(library, monkeypatch):
+def test_a_problem_that_is_not_convex_is_refused(library, monkeypatch, generator):
     monkeypatch.setattr(_kernel, "library", library)
-    generator = np.random.default_rng(0)
     H = positive(generator, N, NX + NU)
     H[2, NX:, NX:] -= 100 * np.eye(NU)
     with pytest.raises(SimulationError, match="not convex"):

@@ -83,9 +83,8 @@ def test_a_joint_stops_before_its_margin_at_its_own_deceleration(fastest, decele
     assert np.median(slower[middle]) == pytest.approx(deceleration, rel=1e-6)
 
 
-def test_the_velocity_to_stop_solves_its_equation():
+def test_the_velocity_to_stop_solves_its_equation(generator):
     """Simulated stop: whole samples at full deceleration, the last one at what is left."""
-    generator = np.random.default_rng(0)
     for room, a, dt in generator.uniform([0.0, 0.1, 0.001], [2.0, 20.0, 0.05], (200, 3)):
         v = float(velocity_to_stop(np.array([room]), np.array([a]), dt)[0])
         first = v

@@ -95,8 +95,7 @@ def test_what_is_coupled_already_is_left_alone(tmp_path, given):
     assert system.rows.names == given.bind(robot).names
 
 
-def test_a_conserved_momentum_and_a_coupling_of_its_joint_exclude_each_other():
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
+def test_a_conserved_momentum_and_a_coupling_of_its_joint_exclude_each_other(robot):
     robot.mimics = (Mimic("joint_1", "platform", 1.0, 0.0),)
     momentum = rnc.MomentumConservation("platform")
     with pytest.raises(rnc.ConstraintError, match=r"coupling\(joint_1, platform\) acts on momentum.*mimic=False"):

@@ -15,7 +15,6 @@ from pathlib import Path
 
 import pytest
 
-import rnc_pin as rnc
 from browsing import asked, port_of, watching
 from held_memory import holding_at_most
 from patience import PATIENCE
@@ -136,8 +135,7 @@ def test_a_request_that_is_too_long_is_not_waited_for(port):
         assert closed(connection)
 
 
-def test_closing_with_a_browser_connected_leaves_no_socket_and_no_memory(caplog):
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
+def test_closing_with_a_browser_connected_leaves_no_socket_and_no_memory(caplog, robot):
 
     def once():
         live = LiveView(robot, open_browser=False)
