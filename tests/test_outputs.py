@@ -47,8 +47,7 @@ def test_left_jacobian_and_its_rate(length, generator):
     np.testing.assert_allclose(J_dot, series.imag / 1e-30, atol=accurate)
 
 
-def test_rate_of_the_error():
-    generator = np.random.default_rng(1)
+def test_rate_of_the_error(generator):
     h = 1e-6
     for _ in range(20):
         rd, r, wd, w = generator.normal(size=(4, 3))
@@ -63,8 +62,7 @@ def test_rate_of_the_error():
             np.testing.assert_allclose(ROTATION.difference_rate(error, wd, w), rate, atol=1e-6)
 
 
-def test_errors_take_batch_axes():
-    generator = np.random.default_rng(2)
+def test_errors_take_batch_axes(generator):
     mixed = Coordinates([False, False, False, False, True], [1])
     desired, actual, rate = generator.normal(size=5), generator.normal(size=(4, 2, 5)), generator.normal(size=(4, 2, 5))
     error = mixed.difference(desired, actual)

@@ -117,8 +117,7 @@ def test_acceleration_agrees_with_kkt_and_inverse_dynamics_undoes_it(reduced, st
         assert_close(t.input_matrix @ reduced.allocate(q, F), F, KKT)
 
 
-def test_energy_changes_by_the_power_of_the_actuators(reduced, states):
-    generator = np.random.default_rng(3)
+def test_energy_changes_by_the_power_of_the_actuators(reduced, states, generator):
     for q, v2 in states:
         v, v2_dot, power = reduced.at(q, v2).flow(generator.normal(size=reduced.p))
         h = STEP / np.linalg.norm(v) / 10

@@ -67,10 +67,9 @@ def pulled(base, forces, constraints=(), actuators=WHEELS):
 
 
 @pytest.mark.parametrize("forces", PULLS)
-def test_what_pulls_at_a_planar_base_loads_its_wheels_as_on_a_free_base(forces):
+def test_what_pulls_at_a_planar_base_loads_its_wheels_as_on_a_free_base(forces, generator):
     """The ground of the planar base is a radius of its wheels below the world's origin."""
     (planar, q_planar), (free, q_free) = pulled("planar", forces(0.0)), pulled("free", forces(0.1))
-    generator = np.random.default_rng(1)
     v2, T = generator.normal(size=(9, 2)), generator.normal(size=(9, 2))
     models = [(model, np.tile(q, (9, 1))) for model, q in ((planar, q_planar), (free, q_free))]
     np.testing.assert_allclose(*(NormalForces(model).at(model.at(q, v2), T) for model, q in models), atol=1e-7)

@@ -130,10 +130,9 @@ def test_rates_agree_with_differences(name, request):
     assert np.median(every) < 1e-6
 
 
-def test_results_do_not_depend_on_the_history(tiago):
+def test_results_do_not_depend_on_the_history(tiago, generator):
     about = obstacles((0.6, 0.0, 0.6))
     fresh, used = CollisionDistances(tiago, about), CollisionDistances(tiago, about)
-    generator = np.random.default_rng(1)
     for _ in range(3):
         q = tiago.random_configuration(generator, 1.0)
         used.at(q, 0.5)

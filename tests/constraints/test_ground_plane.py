@@ -19,11 +19,10 @@ def robot():
 
 
 @pytest.mark.parametrize("shape", [rnc.Torus(0.3, axis="y"), rnc.Sphere(0.3)])
-def test_wheels_and_balls_are_bodies_of_their_shape(shape, robot):
+def test_wheels_and_balls_are_bodies_of_their_shape(shape, robot, generator):
     """The contact of a ``RollingBody`` follows from its support function, that of wheels and balls from their axle."""
     kind = ON_PLANES["wheel" if isinstance(shape, rnc.Torus) else "ball"]
     rows, body = kind.bind(robot), rnc.RollingBody("body", shape, ground=MOVING).bind(robot)
-    generator = np.random.default_rng(2)
     for _ in range(3):
         q, v = robot.random_configuration(generator), generator.normal(size=6)
         at = Kinematics(robot).position(q).with_velocity(v)

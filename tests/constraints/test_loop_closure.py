@@ -191,10 +191,9 @@ def test_initial_configurations_that_violate_a_row_are_refused_and_rounding_is_n
     assert run.q[0, 2] == pytest.approx(0.3, abs=1e-14)
 
 
-def test_closing_a_loop_is_quadratic():
+def test_closing_a_loop_is_quadratic(generator):
     reduced = four_bar()
     closed = reduced.assembled(reduced.robot.configuration({"crank": 1.0, "coupler": -0.4, "rocker": 1.5}))
-    generator = np.random.default_rng(4)
     for _ in range(5):
         found, *_, satisfied = reduced.assembly._closest(closed + generator.uniform(-0.3, 0.3, 3), steps=8)
         assert satisfied

@@ -33,13 +33,12 @@ def test_computed_torque_makes_the_velocity_error_fade_at_its_gain():
 
 
 @pytest.mark.parametrize("monitored", [False, True])
-def test_reducing_outputs_follow_at_their_gains(monitored):
+def test_reducing_outputs_follow_at_their_gains(monitored, generator):
     """Angles by the shorter way; batches; what is monitored is said and moves nothing."""
     reference, k2 = Cubic([0.1, 2.9], [0.5, -0.8], [0.4, 0.3], [-0.7, 1.1]), np.array([1.7, 0.6])
     reduced = SimpleNamespace(r=2, reducing=SimpleNamespace(coordinates=Coordinates([False, True])))
     aside = (np.array([2, 0]), Hold([0.5, 0.6])) if monitored else None
     law = ReducingOutputController(reduced, reference, k2, aside)
-    generator = np.random.default_rng(1)
     m = Measurement(x1=np.zeros((4, 3)), x2=generator.uniform(-2, 2, (4, 2)), v2=generator.normal(size=(4, 2)))
     target, state = law.step(0.3, m, law.initial_state(m))
     point = reference.at(0.3)
@@ -101,13 +100,12 @@ def test_state_feedback_sees_the_deviation_from_where_it_was_linearised():
 
 
 @pytest.mark.parametrize("names", [["arm", "wheel", "speed", "tilt"], ["tilt", "arm"], ["speed"]])
-def test_state_feedback_moves_the_states_of_outputs_that_have_a_reference(names):
+def test_state_feedback_moves_the_states_of_outputs_that_have_a_reference(names, generator):
     """Values where they are states, and rates where those are; angles by the shorter way."""
     model, K = linear()
     places = [model.reducing.names.index(name) for name in names]
     reference = Cubic(*np.random.default_rng(9).uniform(-2, 2, (4, 5))[:, places])
     law = StateFeedback(model, K, reference, names)
-    generator = np.random.default_rng(2)
     for _ in range(4):
         q, v2, x2 = generator.normal(size=2), generator.normal(size=5), generator.uniform(-3, 3, 5)
         before = v2.copy()

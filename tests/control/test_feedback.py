@@ -38,9 +38,8 @@ def test_an_output_without_a_value_needs_none_where_nothing_is_fed_back():
 
 
 @pytest.mark.parametrize("gain", [2.0, np.array([1.5, 0.0, 0.7])])
-def test_feedback_compares_angles_within_a_half_turn(gain):
+def test_feedback_compares_angles_within_a_half_turn(gain, generator):
     """Zero gains need no values."""
-    generator = np.random.default_rng(3)
     law = Feedback(Coordinates([False, False, True]), gain)
     desired = ReferencePoint(*generator.normal(size=(4, 3)))
     for turns in (-3, -1, 0, 2):

@@ -42,9 +42,8 @@ def steering(gradient, **changes):
 
 
 @pytest.mark.parametrize("monitored", [False, True])
-def test_steering_is_the_damped_least_squares_of_what_the_vertical_rates_miss(monitored):
+def test_steering_is_the_damped_least_squares_of_what_the_vertical_rates_miss(monitored, generator):
     """``N v22 = wdot + k4 (w - A3 v21) - (A3 v21)dot at rest of x22``, beside ``0.1 v22 = 0``; at most 4 rad/s."""
-    generator = np.random.default_rng(3)
     k3, k21, k4, t = np.array([1.3, 0.4]), np.array([0.9, 2.2, 0.6]), 4.7, 0.6
     gains, largest = OuterGains(k3=k3, k21=k21, k4=k4), []
     aside = rnc.planning.Hold([0.77])

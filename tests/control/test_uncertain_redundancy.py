@@ -63,9 +63,8 @@ def test_two_plants_of_one_belief_get_the_same_inputs_at_the_same_measurement(na
 
 
 @pytest.mark.parametrize("gain", [0.1, 10.0, 1e6])
-def test_estimation_error_never_grows(gain):
+def test_estimation_error_never_grows(gain, generator):
     """Lemma 4, in discrete time, for any gain: V = |p - phat|^2 / 2."""
-    generator = np.random.default_rng(1)
     p, guess = np.array([1.0, 2.0, 0.5]), np.array([0.2, 5.0, 3.0])
     low, high = np.full(3, 0.1), np.full(3, 6.0)
     distances = [np.linalg.norm(p - guess)]

@@ -16,9 +16,8 @@ def test_a_singular_matrix_has_no_solution_and_leaves_the_others_alone(solution,
     np.testing.assert_array_equal(solution(matrices[1], right[0]), [none, none])
 
 
-def test_complex_numbers_are_not_conjugated():
+def test_complex_numbers_are_not_conjugated(generator):
     """One vector and a stack of them: derivatives by the complex step need this."""
-    generator = np.random.default_rng(3)
     matrix, vector = (generator.normal(size=(*shape, 2)) @ [1.0, 1j] for shape in ((4, 3, 2), (4, 3)))
     expected = np.einsum("snk,sn->sk", matrix, vector)
     np.testing.assert_allclose(apply_transposed(matrix, vector), expected, rtol=1e-14)

@@ -81,8 +81,7 @@ def test_a_rank_that_changes_is_told_with_both():
     assert found.margin == pytest.approx(np.sqrt(2) * np.sin(0.35))
 
 
-def test_of_rows_that_are_never_well_independent_the_best_at_its_worst_are_kept():
-    generator = np.random.default_rng(5)
+def test_of_rows_that_are_never_well_independent_the_best_at_its_worst_are_kept(generator):
     for _ in range(5):
         matrices = np.array([1.0, 0.0, 0.0]) + 0.001 * generator.normal(size=(3, 4, 3))  # nearly parallel
         matrices /= np.linalg.norm(matrices, axis=-1, keepdims=True)

@@ -12,13 +12,12 @@ from systems import rolling_base
 from textbook_systems import Bound, Flat, sliders
 
 
-def test_a_stack_of_some_rows_is_what_its_blocks_say_one_by_one():
+def test_a_stack_of_some_rows_is_what_its_blocks_say_one_by_one(generator):
     """Rows that vary and rows that do not, kept in part and out of line, of one state and of many."""
     robot = rnc.Robot(rolling_base({"left": (0.1, 0.3), "right": (0.0, -0.3)}, 0.1))
     wheels = [rnc.RollingWheel(name, 0.1).bind(robot) for name in ("left", "right")]
     fixed = Flat(np.arange(10.0).reshape(2, 5), ["p", "q"], units=("N", "kg"), holonomic=(False, True))
     blocks, kinematics = [wheels[0], fixed, wheels[1]], Kinematics(robot)
-    generator = np.random.default_rng(5)
     q = np.stack([[robot.random_configuration(generator) for _ in range(3)] for _ in range(2)])
     v = generator.normal(size=(2, 3, 5))
     for kept in (None, [0, 2, 4, 6], [3, 5, 7], [1, 2, 3], [4], []):

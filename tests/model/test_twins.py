@@ -205,11 +205,10 @@ def test_an_integrator_needs_no_evaluation(name):
     assert (rates is None) == (name in ("outputs_of_all_kinds", "disk that leans"))  # outputs of a user
 
 
-def test_rows_over_time():
+def test_rows_over_time(generator):
     """Whole evaluations, stacks of states with a time each, steps of the integrator, and the model at one time."""
     reduced = driven_arm().reduce()
     assert reduced.evaluator.kernel.fused
-    generator = np.random.default_rng(3)
     q = np.stack([reduced.robot.random_configuration(generator) for _ in range(2)])
     v2, T, times = generator.normal(size=(2, reduced.r)), np.ones(reduced.p), np.array([0.2, 0.7])
     plain = [by_numpy(reduced, q[k], v2=v2[k], t=times[k]) for k in range(2)]

@@ -169,8 +169,7 @@ def test_contact_forces_count_damping_and_friction():
     np.testing.assert_allclose(run.multipliers, 0.0, atol=1e-10)
 
 
-def test_forces_of_least_energy_are_those_of_a_bounded_least_squares_program():
-    generator = np.random.default_rng(4)
+def test_forces_of_least_energy_are_those_of_a_bounded_least_squares_program(generator):
     for r, k in [(1, 1), (3, 2), (4, 4), (2, 5), (6, 3)] * 8:
         basis, limits = generator.standard_normal((r, k)), generator.uniform(0.1, 2.0, k)
         free = basis.T @ generator.standard_normal(r) * generator.choice([0.1, 1.0, 10.0])

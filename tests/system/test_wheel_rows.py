@@ -16,12 +16,11 @@ from urdf_parts import joint, link, read
 
 
 @pytest.mark.parametrize("name", ["mecanum", "omni", "skid", "side slip x", "side slip y", "caster of a wheel"])
-def test_rows_are_drawn_where_they_act(name):
+def test_rows_are_drawn_where_they_act(name, generator):
     """The velocity of the material point at the line of action, along it, is what the row forbids."""
     kind, robot = OF_TWO_WHEELS[name], systems.bicycle().robot
     rows, kinematics = kind.bind(robot), Kinematics(robot)
     frame = robot.frame_id(kind.frame)
-    generator = np.random.default_rng(5)
     for _ in range(3):
         q = robot.random_configuration(generator, 1.0)
         motion = kinematics.position(q).with_velocity(generator.normal(size=robot.nv))

@@ -37,8 +37,7 @@ def test_rotations_between_samples_are_those_of_the_group(generator):
 
 
 @pytest.mark.parametrize("span", [8192, 2**32])
-def test_a_counter_is_continuous_over_its_wraps(span):
-    generator = np.random.default_rng(1)
+def test_a_counter_is_continuous_over_its_wraps(span, generator):
     true = 3 + np.cumsum(generator.integers(-span // 3, span // 3, size=2000))
     found = unwrapped(np.mod(true, span), span)
     np.testing.assert_array_equal(np.diff(found), np.diff(true))

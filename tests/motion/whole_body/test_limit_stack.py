@@ -58,9 +58,8 @@ def test_lower_levels_leave_what_damped_levels_within_limits_determine():
     assert touched > 3
 
 
-def test_each_level_moves_in_what_those_above_leave_free():
+def test_each_level_moves_in_what_those_above_leave_free(generator):
     """Against null spaces; a level that repeats a row of one above, at another rate, changes nothing."""
-    generator = np.random.default_rng(8)
     bounds = ProgramBounds(np.eye(7), np.full(7, -1e3), np.full(7, 1e3), np.arange(7), 7)
     levels = [(generator.normal(size=(k, 7)), generator.normal(size=k)) for k in (3, 2, 5)]
     repeated, expected, free = (levels[0][0][:1], np.array([9.0])), np.zeros(7), np.eye(7)
