@@ -10,17 +10,16 @@ import rnc_pin as rnc
 from bodies import frame_placement
 from rnc_pin.collision import Obstacle, ground_shape
 from rnc_pin.simulation import obstacles_passed, replay_limits
+from systems import driven_panda
 from urdf_parts import joint, link, read, wheel
 
 
 @pytest.fixture(scope="module")
 def run_of_panda():
-    robot = rnc.Robot.from_example("panda", lock={"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0})
-    joints = list(robot.joint_names)
-    reduced = rnc.NonholonomicSystem(robot, [], joints).reduce([rnc.JointPosition(name) for name in joints])
-    q0 = robot.configuration({"panda_joint2": -0.4, "panda_joint4": -1.8, "panda_joint6": 1.5})
+    reduced = driven_panda()
+    q0 = reduced.robot.configuration({"panda_joint2": -0.4, "panda_joint4": -1.8, "panda_joint6": 1.5})
     rest = rnc.control.ReducingOutputController(reduced, rnc.planning.MinimumJerk(q0, q0 + 0.2, duration=0.5))
-    return robot, rnc.simulate(reduced, rnc.control.ComputedTorque(reduced, rest), q0, duration=0.6)
+    return reduced.robot, rnc.simulate(reduced, rnc.control.ComputedTorque(reduced, rest), q0, duration=0.6)
 
 
 def test_clean_run_has_no_violations(run_of_panda):

@@ -10,13 +10,13 @@ from urdf_parts import joint, link, read
 BASE, LOAD, OFFSET = (1.6, 0.9, 1.0), (0.9, 0.8, 0.6), (1.3, 0.0, 0.35)
 
 
-def forklift(folder, effort=3000):
+def forklift(folder, effort=3000, **options):
     """Reduced model with forward speed, turning rate and lift."""
     boxes = ('<box size="{} {} {}"/>'.format(*size) for size in (BASE, LOAD))
     lift = {"axis": "0 0 1", "kind": "prismatic", "effort": effort, "limits": (0, 1.4), "speed": 0.5}
     parts = [link("base", 300, next(boxes), at="0 0 0.5", moment=60), link("load", 80, next(boxes), moment=8)]
     parts += [joint("lift_joint", "base", "load", OFFSET, **lift)]
-    robot = read(folder / "forklift.urdf", *parts, base="planar")
+    robot = read(folder / "forklift.urdf", *parts, base="planar", **options)
     inputs = [rnc.FrameForce("base", "x"), rnc.FrameTorque("base", "z"), "lift_joint"]
     system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("base")], inputs)
     return system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base"), rnc.JointPosition("lift_joint")])

@@ -133,15 +133,16 @@ def frames():
     return found
 
 
+def positive(generator, *shape):
+    """Symmetric positive definite matrices of a shape (..., n), as (..., n, n)."""
+    root = generator.normal(size=(*shape, shape[-1]))
+    return root @ root.mT + 0.1 * np.eye(shape[-1])
+
+
 def riccati():
     """Factors and solutions of problems whose costs are convex."""
     generator, N, nx, nu, m = np.random.default_rng(0), 5, 3, 2, 2
-
-    def positive(*shape):
-        root = generator.normal(size=(*shape, shape[-1]))
-        return root @ root.mT + 0.1 * np.eye(shape[-1])
-
-    AB, H, end = generator.normal(size=(N, nx, nx + nu)), positive(N, nx + nu), positive(nx)
+    AB, H, end = generator.normal(size=(N, nx, nx + nu)), positive(generator, N, nx + nu), positive(generator, nx)
     shapes = ((N, nx + nu, m), (nx, m), (N, nx, m))
     return RiccatiFactors(AB, H, end).solve(*(generator.normal(size=shape) for shape in shapes))
 

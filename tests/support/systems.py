@@ -100,6 +100,14 @@ def free_flying_panda() -> rnc.ReducedModel:
     return floating_panda().reduce(outputs, [rnc.FramePosition("panda_link0"), rnc.FrameYaw("panda_link0")])
 
 
+def driven_panda(masses: float = 1.0) -> rnc.ReducedModel:
+    """Panda on a fixed base, in the angles of its joints, with a motor for each; masses relative to its file."""
+    robot = rnc.Robot.from_example("panda", lock=FINGERS)
+    for body in robot.model.inertias:
+        body.mass, body.inertia = masses * body.mass, masses * body.inertia
+    return rnc.NonholonomicSystem(robot, [], PANDA).reduce(map(rnc.JointPosition, PANDA))
+
+
 @cache
 def tiago() -> rnc.ReducedModel:
     """A planar base on two rolling wheels (six contact rows of rank three) under gravity, with an arm."""
@@ -231,6 +239,11 @@ def at_pose(reduced, x, y, yaw=0.0, **joints):
     q = np.array(reduced.robot.configuration(joints))
     q[:4] = x, y, np.cos(yaw), np.sin(yaw)
     return q
+
+
+def goal_of(frame, x=0.0, y=0.0, yaw=0.0):
+    """Goal of a plan: pose of a frame in the plane."""
+    return {rnc.FramePosition(frame, "xy"): [x, y], rnc.FrameYaw(frame): yaw}
 
 
 def knife_box(length=0.6, width=0.6):

@@ -12,12 +12,6 @@ from rnc_pin.motion.optimal.costs import NodeData
 from rnc_pin.motion.planning.action_models import Nodes, action_model
 
 
-def panda():
-    """Panda on a fixed base: spatial outputs and collision geometry."""
-    robot = rnc.Robot.from_example("panda")
-    return rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce()
-
-
 def nodes_of(model, seed=0, count=3):
     generator = np.random.default_rng(seed)
     q = np.array([model.reduced.random_configuration(generator, 0.4) for _ in range(count)])
@@ -41,7 +35,7 @@ def test_every_cost_and_bound_of_a_mobile_robot(form):
 
 
 def test_orientation_of_a_hand_and_distances_of_an_arm():
-    reduced = panda()
+    reduced = systems.driven_panda()
     model = action_model(reduced, "kinematic")
     shelf = rnc.collision.Obstacle(coal.Sphere(0.2), position=(1.2, 0.0, 0.4), name="shelf")
     rules = rnc.collision.PairSelection(links=False)

@@ -4,6 +4,7 @@ import daqp
 import numpy as np
 import pytest
 
+from kernel_calls import positive
 from rnc_pin import _kernel
 from rnc_pin.errors import SimulationError
 from rnc_pin.motion.optimal.interior_point import InteriorPointSolver, LinearQuadratic, RiccatiFactors
@@ -99,11 +100,6 @@ def test_far_from_the_optimum_a_subproblem_is_solved_less_precisely():
 
 
 N, NX, NU, M = 5, 3, 2, 2
-
-
-def positive(generator, *shape):
-    root = generator.normal(size=(*shape, shape[-1]))
-    return root @ root.mT + 0.1 * np.eye(shape[-1])
 
 
 def test_solution_is_that_of_the_dense_equations(generator):

@@ -15,8 +15,8 @@ from rnc_pin.motion.planning.action_models import Nodes, action_model
 @cache
 def curve(form, duration=3.0, **options):
     reduced = systems.sleigh()
-    goal = {rnc.FramePosition("sleigh", "xy"): [1.5, 0.6], rnc.FrameYaw("sleigh"): 0.5}
-    return reduced, rnc.optimal.plan(reduced, reduced.robot.configuration(), goal, duration, form=form, **options)
+    start, goal = reduced.robot.configuration(), systems.goal_of("sleigh", 1.5, 0.6, 0.5)
+    return reduced, rnc.optimal.plan(reduced, start, goal, duration, form=form, **options)
 
 
 @pytest.mark.parametrize("form", ["kinematic", "acceleration", "dynamic"])
@@ -70,14 +70,10 @@ def test_regulator_is_the_dense_optimum():
 
 def test_forces_that_are_held_do_not_lag_behind_gravity_and_a_heavier_arm_stays_near_its_plan():
     """Forces of the begin of samples once missed this plan by 4.3 rad/s of the period, a heavier arm by 0.97 rad."""
-    robot, heavy = (rnc.Robot.from_example("panda", lock=systems.FINGERS) for _ in range(2))
-    for body in heavy.model.inertias:
-        body.mass *= 1.2
-    names, angles = robot.joint_names, list(map(rnc.JointPosition, robot.joint_names))
-    reduced, real = (rnc.NonholonomicSystem(each, [], names).reduce(angles) for each in (robot, heavy))
-    q0 = robot.configuration({"panda_joint4": -1.5, "panda_joint6": 1.5})
+    reduced, heavier = systems.driven_panda(), rnc.ReducedPlant(systems.driven_panda(1.2))
+    q0 = reduced.robot.configuration({"panda_joint4": -1.5, "panda_joint6": 1.5})
     plan = rnc.optimal.plan(reduced, q0, {"panda_joint1": 1.2, "panda_joint2": 0.8, "panda_joint4": -2.2}, 1.74)
-    for dt, plant, most in ((0.01, None, 1e-3), (0.02, None, 2e-3), (0.01, rnc.ReducedPlant(real), 0.1)):
+    for dt, plant, most in ((0.01, None, 1e-3), (0.02, None, 2e-3), (0.01, heavier, 0.1)):
         run = rnc.simulate(reduced, rnc.tvlqr(reduced, plan), q0, 1.74, dt=dt, plant=plant)
         assert np.abs(run.q[-1] - plan.q[-1]).max() < most
 

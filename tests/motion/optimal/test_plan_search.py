@@ -83,16 +83,15 @@ def test_a_start_or_goal_beyond_a_bound_is_refused_at_once(tmp_path):
     away = reduced.robot.configuration({"root_joint": [0.0, -2.0, 0.0], "lift_joint": 0.5})
     with pytest.raises(rnc.InfeasibleError, match=r"goal: the distance of base and rack is 0\.05 m, below the clear"):
         rnc.optimal.plan(reduced, away, start, 8.0, bounds=[DistanceBound(distances, CLEARANCE)])
+    beside = OutputBound(rnc.FramePosition("base", "xy"), None, [9, -1])
     with pytest.raises(rnc.InfeasibleError, match=r"start: value of base_y = -0\.8 is above the limit -1 of its bound"):
-        rnc.optimal.plan(
-            reduced, start, goal, 8.0, bounds=[OutputBound(rnc.FramePosition("base", "xy"), None, [9, -1])]
-        )
+        rnc.optimal.plan(reduced, start, goal, 8.0, bounds=[beside])
 
 
 def test_an_unstable_motion_is_judged_with_the_feedback_of_the_run():
     """A trailer in reverse leaves its plan without feedback."""
     reduced, hitch = tractor(1), rnc.JointPosition("hitch_1")
-    goal = {rnc.FramePosition("tractor", "xy"): [0.0, 0.0], rnc.FrameYaw("tractor"): 0.0, hitch: 0.0}
+    goal = {**systems.goal_of("tractor"), hitch: 0.0}
     start = reduced.robot.configuration({"root_joint": [4.0, 1.0, 0.2]})
     problem = {"bounds": [VelocityBound(-1.0, 1.0)], "settings": SolverSettings(refinements=0), "seeds": 0}
     plan = rnc.optimal.plan(reduced, start, goal, 16.0, **problem)
@@ -139,8 +138,7 @@ def across(place):
     reduced = systems.mecanum_box()
     wall = rnc.collision.Obstacle(coal.Box(0.4, 2.0, 2.0), position=(1.5, place, 0.0), name="wall")
     distances = rnc.collision.CollisionDistances(reduced.robot, [wall], rnc.collision.PairSelection(links=False))
-    goal = {rnc.FramePosition("base", "xy"): [3.0, 0.0], rnc.FrameYaw("base"): 0.0}
-    return reduced, distances, goal
+    return reduced, distances, systems.goal_of("base", 3.0)
 
 
 @pytest.mark.parametrize(("place", "names"), [(-0.3, ["left", "right"]), (0.3, ["right", "left"]), (4.0, [])])
@@ -174,7 +172,7 @@ def iterations(monkeypatch):
     return found
 
 
-ASIDE = {rnc.FramePosition("sleigh", "xy"): [1.0, 0.5], rnc.FrameYaw("sleigh"): 0.5}
+ASIDE = systems.goal_of("sleigh", 1.0, 0.5, 0.5)
 
 
 def test_improvements_end_after_twice_the_iterations_of_a_guess_and_the_message_says_so(iterations):

@@ -7,16 +7,13 @@ import rnc_pin as rnc
 import systems
 from rnc_pin.motion.optimal.guesses import resampled
 from rnc_pin.motion.optimal.transcription import Iterate
-
-
-def sleigh_goal(x, y, yaw):
-    return {rnc.FramePosition("sleigh", "xy"): [x, y], rnc.FrameYaw("sleigh"): yaw}
+from systems import goal_of
 
 
 def test_straight_motion_with_least_acceleration_is_a_cubic():
     """Integral of squared acceleration over a distance d in time t, from rest to rest: 12 d^2 / t^3."""
     reduced = systems.sleigh()
-    plan = rnc.optimal.plan(reduced, reduced.robot.configuration(), sleigh_goal(1.0, 0.0, 0.0), 2.0)
+    plan = rnc.optimal.plan(reduced, reduced.robot.configuration(), goal_of("sleigh", 1.0), 2.0)
     assert plan.info.outcome == "solved"
     # Constant inputs over 40 intervals cost 1 / (1 - 1/K^2) times as much.
     assert plan.info.cost == pytest.approx(0.5 * 12 / 8 / (1 - 1 / 40**2), rel=1e-6)
@@ -27,7 +24,7 @@ def test_straight_motion_with_least_acceleration_is_a_cubic():
 
 def test_a_motion_begins_with_its_initial_velocity():
     """Least squared acceleration from speed v to rest, over d in time t: (12 d^2 - 12 d v t + 4 v^2 t^2) / t^3."""
-    reduced, goal = systems.sleigh(), sleigh_goal(1.0, 0.0, 0.0)
+    reduced, goal = systems.sleigh(), goal_of("sleigh", 1.0)
     plan = rnc.optimal.plan(reduced, reduced.robot.configuration(), goal, 2.0, v2_0=[0.5, 0.0])
     assert plan.info.cost == pytest.approx(0.5 * (12 - 12 + 4) / 8, rel=2e-3)
     assert plan.info.verification.violation < 1e-6
@@ -40,7 +37,7 @@ def test_a_motion_begins_with_its_initial_velocity():
 def test_sideways_motion_of_least_velocity_is_brocketts():
     """A knife edge moves aside by a small y at the cost 1/2 (4 pi y) / t: a circle of area y (Brockett 1981)."""
     reduced, y, t = systems.sleigh(), 1e-3, 1.0
-    goal = sleigh_goal(0.0, y, 0.0)
+    goal = goal_of("sleigh", 0.0, y, 0.0)
     settings = rnc.optimal.SolverSettings(nodes=60, tolerance=1e-8)
     # The start is a circle in (integral of v, integral of w), which encloses the area y.
     phase, radius = np.linspace(0, 2 * np.pi, 61), np.sqrt(y / np.pi)
@@ -69,21 +66,21 @@ def test_arms_reach_configurations_by_their_efforts(name, start, goal, duration)
 def test_free_duration_ends_where_time_and_effort_balance():
     """Cost 6 d^2 / t^3 + c t is least at t^4 = 18 d^2 / c."""
     reduced = systems.sleigh()
-    start, goal = reduced.robot.configuration(), sleigh_goal(1.0, 0.0, 0.0)
+    start, goal = reduced.robot.configuration(), goal_of("sleigh", 1.0)
     plan = rnc.optimal.plan(reduced, start, goal, (0.5, 10.0), time_weight=2.0)
     assert plan.duration == pytest.approx(9.0**0.25, rel=2e-3)
 
 
 def test_a_plan_and_its_verdict_survive_a_file(tmp_path):
     reduced = systems.sleigh()
-    plan = rnc.optimal.plan(reduced, reduced.robot.configuration(), sleigh_goal(0.5, 0.0, 0.0), 2.0)
+    plan = rnc.optimal.plan(reduced, reduced.robot.configuration(), goal_of("sleigh", 0.5), 2.0)
     plan.save(tmp_path / "plan.npz")
     again = rnc.optimal.MotionPlan.load(tmp_path / "plan.npz")
     assert again.info == plan.info
     np.testing.assert_array_equal(again.K, plan.K)
     hasty = rnc.optimal.SolverSettings(nodes=5, refinements=0, accuracy=1e-6)
     with pytest.raises(rnc.InfeasibleError) as refusal:
-        rnc.optimal.plan(reduced, plan.q[0], sleigh_goal(1.0, 0.5, 0.5), 2.0, seeds=0, settings=hasty)
+        rnc.optimal.plan(reduced, plan.q[0], goal_of("sleigh", 1.0, 0.5, 0.5), 2.0, seeds=0, settings=hasty)
     refusal.value.plan.save(tmp_path / "refused.npz")
     again = rnc.optimal.MotionPlan.load(tmp_path / "refused.npz")
     assert again.info == refusal.value.plan.info
@@ -100,7 +97,7 @@ def test_a_plan_and_its_verdict_survive_a_file(tmp_path):
 
 def test_refinement_reduces_the_violation_after_verification():
     """Half the step: a quarter of the error of the integrator."""
-    reduced, goal = systems.sleigh(), sleigh_goal(1.0, 0.5, 0.5)
+    reduced, goal = systems.sleigh(), goal_of("sleigh", 1.0, 0.5, 0.5)
     start, coarse = reduced.robot.configuration(), rnc.optimal.SolverSettings(nodes=10, refinements=0, accuracy=1.0)
     first = rnc.optimal.plan(reduced, start, goal, 2.0, settings=coarse).info.verification.inputs
     finer = rnc.optimal.SolverSettings(nodes=10, refinements=1, accuracy=1e-9)
@@ -124,7 +121,7 @@ def test_user_defined_rows_bring_a_notice_that_their_derivatives_are_differences
     reduced = rnc.NonholonomicSystem(robot, [rows]).reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
     start = robot.configuration({"root_joint": [0.3, 0.0, 0.0]})
     with pytest.warns(rnc.ModelWarning, match="user-defined rows or outputs are finite differences"):
-        rnc.optimal.plan(reduced, start, sleigh_goal(1.3, 0.0, 0.0), 2.0, settings=rnc.optimal.SolverSettings(nodes=4))
+        rnc.optimal.plan(reduced, start, goal_of("sleigh", 1.3), 2.0, settings=rnc.optimal.SolverSettings(nodes=4))
 
 
 def test_a_reference_of_the_reducing_outputs_is_driven():
@@ -136,8 +133,9 @@ def test_a_reference_of_the_reducing_outputs_is_driven():
 
 
 def test_a_plan_is_a_guess_over_other_intervals_with_the_same_motion():
-    reduced, coarse = systems.sleigh(), rnc.optimal.SolverSettings(nodes=10)
-    plan = rnc.optimal.plan(reduced, reduced.robot.configuration(), sleigh_goal(1.0, 0.5, 0.5), 2.0, settings=coarse)
+    reduced, goal = systems.sleigh(), goal_of("sleigh", 1.0, 0.5, 0.5)
+    coarse = rnc.optimal.SolverSettings(nodes=10)
+    plan = rnc.optimal.plan(reduced, reduced.robot.configuration(), goal, 2.0, settings=coarse)
     at = Iterate(plan.q, plan.w, plan.u, plan.duration)
     model = rnc.optimal.action_model(reduced, "acceleration")
     twice, more = resampled(model, at, 20), resampled(model, at, 25)

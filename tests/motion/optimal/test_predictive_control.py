@@ -68,7 +68,7 @@ def test_prediction_over_the_delay_is_the_simulated_state():
 def test_a_bound_holds_between_the_nodes_of_its_own_plant_too():
     """Feedback between updates once turned 2.2 mrad beyond a bound of 0.4 rad."""
     reduced = systems.sleigh()
-    goal = {rnc.FramePosition("sleigh", "xy"): [1.0, 0.5], rnc.FrameYaw("sleigh"): 0.0}
+    goal = systems.goal_of("sleigh", 1.0, 0.5)
     costs = [optimal.SetPointCost(goal, weight=10.0, velocity_weight=0.1), optimal.EffortCost(0.01)]
     bounds = [optimal.OutputBound(rnc.FrameYaw("sleigh"), -0.4, 0.4), optimal.VelocityBound(-0.5, 0.5)]
     controller = PredictiveController(reduced, costs, 3.0, form="acceleration", bounds=bounds)

@@ -11,6 +11,7 @@ from rnc_pin.motion.optimal.interior_point import InteriorPointSolver
 from rnc_pin.motion.optimal.planner import build_problem, initial_node
 from rnc_pin.motion.optimal.sequential_quadratic import LimitSolver, SequentialQuadratic
 from rnc_pin.motion.optimal.transcription import Transcription
+from systems import driven_panda
 
 
 def count_calls(monkeypatch, owner, name):
@@ -26,8 +27,7 @@ def count_calls(monkeypatch, owner, name):
 
 
 def test_whole_steps_are_linearized_at_once_and_links_that_stay_apart_take_no_part(monkeypatch):
-    robot = rnc.Robot.from_example("panda", lock={"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0})
-    reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce()
+    reduced = driven_panda()
     start, goal = np.array([[0.0, -0.6, 0.0, -2.0, 0.0, 1.5, 0.7], [0.6, 0.1, 0.2, -1.4, 0.1, 1.8, 0.9]])
     posture = [PostureCost(goal, 0.1), PostureCost(goal, 10.0, phase="terminal")]
     costs = [EffortCost(1e-4), VelocityCost(0.01), VelocityCost(1.0, phase="terminal"), *posture]
@@ -40,7 +40,7 @@ def test_whole_steps_are_linearized_at_once_and_links_that_stay_apart_take_no_pa
     assert len(once[1]) == 1  # the other whole steps are linearized at once
     exact = SequentialQuadratic(problem, SolverSettings(cost_tolerance=1e-12)).solve(guess)
     assert (found.outcome, found.cost) == ("solved", pytest.approx(exact.cost, rel=1e-7))
-    links = rnc.optimal.DistanceBound(rnc.collision.CollisionDistances(robot))
+    links = rnc.optimal.DistanceBound(rnc.collision.CollisionDistances(reduced.robot))
     seen = count_calls(monkeypatch, DistanceRows, "measured")
     within = build_problem(model, initial_node(model, start), None, 1.0, costs, [InputBound(-25.0, 25.0), links], 40)
     assert LimitSolver(within, SolverSettings()).solve(guess).cost == found.cost

@@ -12,11 +12,8 @@ from rnc_pin.motion.optimal.costs import NodeData
 from rnc_pin.motion.optimal.guesses import along
 from rnc_pin.motion.optimal.set_point import first_motion, quadratic_set_point
 from rnc_pin.motion.planning.action_models import Nodes
+from systems import goal_of
 from textbook_systems import unicycle_with_trailers
-
-
-def pose(frame, x=0.0, y=0.0, yaw=0.0):
-    return {rnc.FramePosition(frame, "xy"): [x, y], rnc.FrameYaw(frame): yaw}
 
 
 def nodes_at(model, q, w=None, u=None):
@@ -26,7 +23,7 @@ def nodes_at(model, q, w=None, u=None):
 
 
 def test_wheels_that_roll_may_stay_undetermined():
-    point = optimal.SetPoint(systems.differential_drive(), pose("base", 0.5, -0.2, 0.7))
+    point = optimal.SetPoint(systems.differential_drive(), goal_of("base", 0.5, -0.2, 0.7))
     assert (point.ignored, point.coordinates.weights) == (("left_wheel_joint", "right_wheel_joint"), (1, 1, 2))
     np.testing.assert_allclose(point.q[:4], [0.5, -0.2, np.cos(0.7), np.sin(0.7)], atol=1e-6)
 
@@ -61,7 +58,7 @@ def test_the_unicycle_has_the_published_cost():
     """``(x^4 + yaw^4 + y^2)^(1/2)``: the square root of the cost of Rosenfelder, Ebel and Eberhard."""
     reduced = systems.sleigh()
     model = action_model(reduced, "kinematic")
-    cost = SetPointCost(pose("sleigh", 1.0, 2.0, 0.5), precision=1e-6).bind(model)
+    cost = SetPointCost(goal_of("sleigh", 1.0, 2.0, 0.5), precision=1e-6).bind(model)
     for x, y, yaw in ((0.3, -0.2, 0.4), (0.0, 0.04, 0.0), (0.0, 0.0, -0.3), (-2.0, 1.0, 1.5)):
         turn = np.array([[np.cos(0.5), -np.sin(0.5)], [np.sin(0.5), np.cos(0.5)]])
         q = reduced.robot.configuration({"root_joint": [*(np.array([1.0, 2.0]) + turn @ [x, y]), 0.5 + yaw]})
@@ -73,7 +70,7 @@ def test_a_holonomic_robot_has_the_squared_distance():
     reduced = systems.mecanum()
     base = next(f.name for f in reduced.robot.model.frames if f.parentJoint == 1)
     model = action_model(reduced, "kinematic")
-    cost = SetPointCost(pose(base, 0.2, 0.1, 0.3)).bind(model)
+    cost = SetPointCost(goal_of(base, 0.2, 0.1, 0.3)).bind(model)
     q = reduced.robot.configuration({"root_joint": [0.9, -0.4, 1.0]})
     residual = cost.rows(nodes_at(model, q), False).value
     assert (residual**2).sum() == pytest.approx(0.7**2 + 0.5**2 + 0.7**2, rel=1e-9)
@@ -106,7 +103,7 @@ def test_a_plan_without_a_hard_goal_arrives_by_the_cost_alone():
     """The quadratic cost prefers to stay aside; here the plan ends within the precision squared, a few mm."""
     reduced = systems.sleigh()
     start = reduced.robot.configuration({"root_joint": [0.0, 0.3, 0.0]})
-    costs = [SetPointCost(pose("sleigh"), weight=100.0, phase="terminal"), optimal.EffortCost(0.01)]
+    costs = [SetPointCost(goal_of("sleigh"), weight=100.0, phase="terminal"), optimal.EffortCost(0.01)]
     bound, settings = [optimal.VelocityBound(-1.0, 1.0)], optimal.SolverSettings(nodes=20)
     options = {"form": "kinematic", "costs": costs, "bounds": bound, "settings": settings}
     plan = rnc.optimal.plan(reduced, start, None, 4.0, **options, solutions=3)
@@ -196,7 +193,7 @@ def test_searches_in_vain_are_rare_and_the_stall_stays_in_the_verdict():
 def test_a_plan_is_followed_to_its_end_if_waiting_costs_less_over_one_horizon():
     """With this weight of effort, an update would turn the robot back, and it would stand 0.38 m away."""
     reduced = systems.sleigh()
-    costs = [SetPointCost(pose("sleigh")), optimal.EffortCost()]
+    costs = [SetPointCost(goal_of("sleigh")), optimal.EffortCost()]
     controller = optimal.PredictiveController(reduced, costs, 3.0, form="acceleration", nodes=15)
     run, distance, _ = driven(reduced, controller, 0.3, 0.0, 7.0)
     assert distance < 0.005

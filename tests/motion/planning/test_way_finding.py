@@ -22,7 +22,7 @@ from rnc_pin.motion.planning.steering_detection import SampledBases
 from rnc_pin.motion.planning.way import intervals_along, motion_along
 from rnc_pin.motion.planning.way_checking import goal_configurations, position_limits, way_checker
 from rnc_pin.motion.planning.way_search import SearchBudget, WaySearch, WaySpace
-from systems import ROLLERS, WHEEL, at_pose, four_bar, knife_box, mecanum, mecanum_box, tiago, with_shape
+from systems import ROLLERS, WHEEL, at_pose, driven_panda, four_bar, knife_box, mecanum, mecanum_box, tiago, with_shape
 
 Obstacle = rnc.collision.Obstacle
 
@@ -91,15 +91,12 @@ def test_a_way_is_exact_and_free_between_its_nodes_too(kind):
 
 
 def test_an_arm_moves_around_an_obstacle():
-    robot = rnc.Robot.from_example("panda", lock={"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0})
-    reduced = rnc.NonholonomicSystem(robot, []).reduce()
-    names = [f"panda_joint{k}" for k in range(1, 8)]
-    poses = ([turn, 0.3, 0.0, -1.8, 0.0, 2.1, 0.0] for turn in (-0.8, 0.8))
-    q0, goal = (robot.configuration(dict(zip(names, pose, strict=True))) for pose in poses)
+    reduced = driven_panda()
+    q0, goal = (np.array([turn, 0.3, 0.0, -1.8, 0.0, 2.1, 0.0]) for turn in (-0.8, 0.8))
     post = [Obstacle(coal.Box(0.1, 0.1, 1.6), position=(0.5, 0.0, 0.4), name="post")]
     way = find_way(reduced, q0, goal, post)
     assert way.q[-1] == pytest.approx(goal, abs=1e-12)
-    model = robot.model
+    model = reduced.robot.model
     assert (way.q >= model.lowerPositionLimit - 1e-9).all()
     assert (way.q <= model.upperPositionLimit + 1e-9).all()
     assert closest(way, post, spacing=0.02) >= 0.01
