@@ -276,7 +276,7 @@ class _Levels:
 
 def _deeper(jets: BracketJets, basis: np.ndarray, order: int, rejected: float, reach: int) -> _Levels:
     """Levels up to an order, from the first accurate flow time, or else from the most accurate one."""
-    best: _Levels | None = None
+    tried = list[_Levels]()
     failure: SingularityError | None = None
     fades = 0.2  # smallest ratio of the sizes of two successive levels, over the flow time
     accurate = 1e-8  # relative error of a level below which no shorter time is tried
@@ -292,14 +292,13 @@ def _deeper(jets: BracketJets, basis: np.ndarray, order: int, rejected: float, r
         except SingularityError as error:  # the flow reaches a singular configuration
             failure = error
             continue
-        if best is None or found.error < best.error:
-            best = found
+        tried.append(found)
         if found.error < accurate:
             break
-    if best is None:
+    if not tried:
         assert failure is not None
         raise failure
-    return best
+    return min(tried, key=lambda each: each.error)
 
 
 def _levels(drawn: Sequence[Jets], start: np.ndarray, rejected: float, fading: float, reach: int = 0) -> _Levels:

@@ -278,7 +278,7 @@ def _corrected(
     fields = np.random.default_rng(0).normal(size=(count, pieces, int(moving.sum())))
     fields *= np.sqrt(moving.sum()) / (pieces * np.linalg.norm(fields, axis=2, keepdims=True))
     fields = fields / sizes[moving] @ right[moving]  # the joints that matter move over unit lengths
-    best: tuple[Array, list[Polynomial], float] | None = None
+    tried = list[tuple[Array, list[Polynomial], float]]()
     times = (0.5, 0.2, 0.05)  # of flows, tried in turn while the error is large
     for time in times:
         drawn = jets.follow(deepest - 1, time, fields)
@@ -286,11 +286,10 @@ def _corrected(
         series = [np.einsum("cn,mnf->cmf", linear, each / scales[:, None, None]) for each in drawn]
         fine, coarse = (_coefficients(each, weights, powers) for each in series)
         error = float(np.abs(np.concatenate(fine) - np.concatenate(coarse)).max())
-        if best is None or error < best[2]:
-            best = (*_sorted(fine, linear, powers, weights, error), error)
+        tried.append((*_sorted(fine, linear, powers, weights, error), error))
         if error < _ACCURATE:
             break
-    assert best is not None
+    best = min(tried, key=lambda each: each[2])
     wrong = 1e-6  # a polynomial with such coefficients is no approximation of the chart
     if best[2] > wrong:
         raise InfeasibleError(f"privileged coordinates: the error of their coefficients is {best[2]:.1g}")

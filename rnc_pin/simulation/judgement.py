@@ -82,8 +82,7 @@ def judge(
         *missed_goal_findings(run, MissedGoal.of_errors(goal_errors or {}, goal_tolerance)),
         *(() if replay is None else map(_exceeded, replay.violations)),
         *_contacts(run, grip, reduced),
-        *(() if replay is None else _saturation(run, replay)),
-        *(() if replay is None else _reversals(run, replay)),
+        *(() if replay is None else (*_saturation(run, replay), *_reversals(run, replay))),
         *(() if reduced is None else _side_slips(run, reduced)),
         *more,
     ]

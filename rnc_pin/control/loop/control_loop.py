@@ -113,7 +113,12 @@ class ControlLoop(ReprMixin):
         self.reduced, self.dt = admit_model(reduced), dt
         self.settings = LoopSettings.of_options(options)
         self._controller = admit_controller(controller)
-        self._observer = self._velocity_observer()
+        self._observer: VelocityObserver | None = None
+        if self.settings.velocity == "observer":
+            cutoff = 0.3 / dt if self.settings.cutoff is None else self.settings.cutoff
+            # A gap for the loop is one for the observer too. A timeout of zero is none: each sample would be a gap.
+            gap = _TIME_TOLERANCE * max(self.timeout, _GAP * dt)
+            self._observer = VelocityObserver(reduced.robot.model, cutoff, gap)
         self.limits = admit_limits(reduced, self.settings.limits)
         # A safe command stays within what actuators can do, even if the user switched the limits off.
         self._fallback_limits = reduced.actuation.limits if self.limits is None else self.limits
@@ -123,13 +128,6 @@ class ControlLoop(ReprMixin):
 
     def _settings(self) -> dict[str, object]:
         return {"reduced": self.reduced, "controller": self._controller, "dt": self.dt}
-
-    def _velocity_observer(self) -> VelocityObserver | None:
-        if self.settings.velocity == "measured":
-            return None
-        cutoff = 0.3 / self.dt if self.settings.cutoff is None else self.settings.cutoff
-        # A gap for the loop is one for the observer too. A timeout of zero is none: each sample would be a gap.
-        return VelocityObserver(self.reduced.robot.model, cutoff, _TIME_TOLERANCE * max(self.timeout, _GAP * self.dt))
 
     # ------------------------------------------------------------------ a step
 
