@@ -281,11 +281,8 @@ class _Batch:
         if staying.all():
             return
         motion = self._at, self._q, self._y, self._T, self._kinematics, self._charts, self._chart_calls, self._errors
-        (
-            (self._at, self._q, self._y, self._T, self._kinematics, self._charts, self._chart_calls, self._errors),
-            self._deficit,
-            self._state,
-        ) = _rows((motion, self._deficit, self._state), staying)
+        motion, self._deficit, self._state = _rows((motion, self._deficit, self._state), staying)
+        self._at, self._q, self._y, self._T, self._kinematics, self._charts, self._chart_calls, self._errors = motion
 
 
 def _chart(evaluator: Evaluator) -> object:
