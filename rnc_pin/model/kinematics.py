@@ -189,6 +189,9 @@ class _Quantities:
         self._values: dict[_Quantity, np.ndarray] = {}
         self._requested: dict[_Quantity, tuple[int, ...]] = {}
 
+    def __reduce__(self) -> tuple[object, ...]:  # Pinocchio's functions cannot be pickled: values are read again
+        return _Quantities, (self._at, self._update, *self._states)
+
     def get(self, read: Callable[..., np.ndarray], shape: tuple[int, ...], *arguments: object) -> np.ndarray:
         """Values (..., *shape) of a quantity, read-only."""
         quantity = read, arguments
