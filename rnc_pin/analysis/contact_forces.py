@@ -79,7 +79,7 @@ class ContactForceSet:
         gives, couples = self.normal.plane_effects(lines)
         # Two wheels without casters cannot balance a pitch moment: such a balance must not enter the equations.
         kept = self.balanced_part(gives, couples)
-        left = np.zeros((len(rows), 3, self._rows))
+        left = np.zeros((len(rows), 3, rows.shape[1]))
         for number, contact in enumerate(self.normal.contacts):
             if not self._by_motion[number]:
                 left[:, :, contact.up] = gives[:, :, number]
@@ -99,13 +99,13 @@ class ContactForceSet:
 
         Args:
             state: states (N,), or one state for all inputs.
-            rows: all constraint rows there.
+            rows: all constraint rows there; none (l = nv = 0) for upward forces alone, if no row gives one.
             T: inputs of the actuators [N or N m].
         """
         lines = self._lines(state)
-        effects, kept = self._effects(rows.reshape(-1, *rows.shape[-2:]), lines)
+        effects, kept = self._effects(rows if rows.ndim == 3 else rows[None], lines)
         # What constraints have to give for this motion is unique, even if the forces of single contacts are not.
-        needed, v_dot = state.forced_motion(T)
+        needed, v_dot = state.forced_motion(T) if rows.size else (np.zeros((len(T), 0)), state.acceleration(T))
         if lines is None or kept is None:
             return effects, needed
         q, v = (np.broadcast_to(each, (len(T), each.shape[-1])) for each in (state.q, state.v))

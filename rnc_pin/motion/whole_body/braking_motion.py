@@ -342,9 +342,10 @@ class Braking:
             samples = min(samples, _CHECKED * longest)
             if samples >= _FEW:  # whole samples in each step: all states on the way are ends of samples
                 samples -= min(samples % longest, samples % -(-samples // longest))
-            q, v2, end, excess, errors = self._samples(state, t, T[None], samples, coarse)
+            motion, errors = self._samples(state, T[None], samples, coarse)
+            end, excess, checks = self._exceeded_along(motion, state, t, allowed)
             doubts, count = precision.doubt + errors, len(excess)
-            effort += _CHECK + count
+            effort += _CHECK * checks + count
             inside, beyond = self._judged(excess, doubts, allowed)
             if inside.all():
                 return _Part(end, np.tile(T, (samples, 1)), decided, None, _Precision(coarse, doubts[-1], effort))
@@ -354,7 +355,7 @@ class Braking:
                 known -= 1
             if known:
                 samples = known * samples // count
-                end = known_state(self._reduced, q[known], v2[known], t + samples * self._dt)
+                end = known_state(self._reduced, motion.q[known], motion.v2[known], t + samples * self._dt)
                 precision = _Precision(coarse, doubts[known - 1], effort)
                 return _Part(end, np.tile(T, (samples, 1)), decided, None, precision)
             if not beyond[good] and coarse > 1:
@@ -378,21 +379,22 @@ class Braking:
         doubt, effort, done = precision.doubt, precision.effort + _DECISION, 0
         decided, found, apart = list[_Decided](), None, np.zeros(1, dtype=bool)
         while done < count and found is None and not apart[-1]:
-            size = min(count - done, _SHORT, max(self._between_checks(state) // length, 1))
-            while True:
-                q, v2, end, excess, errors = self._samples(state, t, T[done : done + size], length, coarse)
-                steps, effort = len(errors) // size, effort + _CHECK + len(errors)
-                apart = np.abs(v2[steps::steps] - wanted[done : done + size]).max(axis=1) > _DRIFT * speed
-                if not apart[:-1].any():
-                    break
-                size = int(apart.argmax()) + 1
-            inside, beyond = self._judged(excess, doubt + errors, allowed)
+            held = T[done : done + _SHORT]
+            motion, errors = self._samples(state, held, length, coarse)
+            steps = len(errors) // len(held)
+            apart = np.abs(motion.v2[steps::steps] - wanted[done : done + _SHORT]).max(axis=1) > _DRIFT * speed
+            if apart.any():
+                apart = apart[: apart.argmax() + 1]
+            size = len(apart)
+            motion, doubts = motion.until(size * steps), doubt + errors[: size * steps]
+            state, excess, checks = self._exceeded_along(motion, state, t, allowed)
+            effort += _CHECK * checks + len(errors)
+            inside, beyond = self._judged(excess, doubts, allowed)
             if not inside.all():
                 found = self._broken(excess.max(axis=0), allowed) if beyond.any() else _DOUBTFUL
             some = slice(None, None, -(-size // _CHECKED))  # as many states as between checks: the ground's take longer
-            decided += map(_Decided, q[:-1:steps][some], v2[:-1:steps][some], T[done : done + size][some])
-            doubt, done = doubt + errors[-1], done + size
-            state, t = end, t + size * length * self._dt
+            decided += map(_Decided, motion.q[:-1:steps][some], motion.v2[:-1:steps][some], held[:size][some])
+            doubt, done, t = doubts[-1], done + size, t + size * length * self._dt
         # Blocks that lead elsewhere at once are too long.
         coarse = precision.coarse if done > 1 else max(coarse // 2, 1)
         return _Part(state, np.repeat(T[:done], length, axis=0), decided, found, _Precision(coarse, doubt, effort))
@@ -509,48 +511,61 @@ class Braking:
 
         return after
 
-    def _samples(
-        self, start: StateEvaluation, t: float, T: Array, length: int, coarse: int
-    ) -> tuple[Array, Array, StateEvaluation, Array, Array]:
-        """Ends q, v2 of K steps of samples, the last state, excess (K, k) and the error (K,) of these steps.
+    def _samples(self, start: StateEvaluation, T: Array, length: int, coarse: int) -> tuple[HeldMotion, Array]:
+        """Steps of samples, and the error (K,) that each of them may have.
 
         The error of coarse steps is the difference to Simpson's rule: over two steps, both err by the fifth order.
 
         Args:
             start: state at their start.
-            t: its time [s].
             T: inputs (b, p), each held over some samples.
             length: number of these samples.
             coarse: length of steps, relative to the finest ones.
         """
-        whole, limits = len(T) * length * self._dt, self._limits
         finest = -(-length // self._fine)
         steps = max(-(-finest // coarse), min(finest, 2))  # Simpson's rule takes two
         count, evaluator = len(T) * steps, self._reduced.evaluator
-        h, errors = whole / count, np.zeros((len(T), steps, self._reduced.r))
+        h, errors = len(T) * length * self._dt / count, np.zeros((len(T), steps, self._reduced.r))
         q, v2, v, rates, way = self._motion.trace(evaluator, start.q, start.v2, np.repeat(T, steps, axis=0), h, count)
-        end = known_state(self._reduced, q[-1], v2[-1], t + whole)
+        # Rates jump with the inputs: each end of inputs has its own.
+        ends = known_state(self._reduced, q[steps::steps].copy(), v2[steps::steps].copy())
         if steps < finest:
-            last = q[steps::steps].copy(), v2[steps::steps].copy()
-            ends = last[1], known_state(self._reduced, *last).v2_dot(T)
-            # Rates jump with the inputs: each end of inputs has its own.
             u, a = (
                 np.concatenate([each.reshape(len(T), steps, -1), stop[:, None]], axis=1)
-                for each, stop in zip((v2[:-1], rates), ends, strict=True)
+                for each, stop in zip((v2[:-1], rates), (ends.v2, ends.v2_dot(T)), strict=True)
             )
             missed = u[:, 2:] - u[:, :-2] - h / 3.0 * (a[:, :-2] + 4.0 * a[:, 1:-1] + a[:, 2:])
             errors[:, 1:] = np.abs(missed)
         doubts = errors.reshape(count, -1).cumsum(axis=0).max(axis=1).reshape(len(T), steps)
         doubts[:, 0] = doubts[:, min(steps, 2) - 1]  # Simpson's rule concerns both
+        return HeldMotion(q, np.vstack([v, ends.v[-1:]]), v2, way / h, h), doubts.ravel()
+
+    def _exceeded_along(
+        self, motion: HeldMotion, start: StateEvaluation, t: float, allowed: Array
+    ) -> tuple[StateEvaluation, Array, int]:
+        """End of a motion, the excess (K, k) of its steps, and the number of checks.
+
+        Limits that do not know each step are checked at the end and after each ``spacing``, until one gives way.
+        """
+        limits, h, count = self._limits, motion.h, len(motion.mean)
         found = np.full((count, len(self._names)), -np.inf)
-        own = found[:, : len(limits.names)]
-        own[:] = limits.along(HeldMotion(q, np.vstack([v, end.v]), v2, way / h, h))
-        if limits.spacing < np.inf:
-            rows = None
-            if limits.ends_judged_by_rows:
-                rows = limits.rows(ControlSample(self._reduced, t, start.q, start.v2, whole, start), braking=True)
-            np.maximum(own[-1], limits.exceeded(end, t + whole, rows, at_ends=True), out=own[-1])
-        return q, v2, end, found, doubts.ravel()
+        own, state, checks, last = found[:, : len(limits.names)], start, 0, 0
+        own[:] = limits.along(motion)
+        ways = np.concatenate([[0.0], np.abs(motion.v2[:-1]).max(axis=1) * h]).cumsum()
+        while last < count and (not last or (found[last - 1] <= allowed).all()):
+            before, first, reach = state, last, np.searchsorted(ways, ways[last] + limits.spacing, side="right")
+            last, checks = int(np.clip(reach - 1, last + 1, count)), checks + 1
+            state = known_state(self._reduced, motion.q[last], motion.v2[last], t + last * h)
+            if limits.spacing < np.inf:
+                rows = None
+                if limits.ends_judged_by_rows:
+                    sample = ControlSample(
+                        self._reduced, t + first * h, before.q, before.v2, (last - first) * h, before
+                    )
+                    rows = limits.rows(sample, braking=True)
+                ends = limits.exceeded(state, t + last * h, rows, at_ends=True)
+                np.maximum(own[last - 1], ends, out=own[last - 1])
+        return state, found, checks
 
     def _ground_problem(self, decided: list[_Decided], allowed: Array) -> str | None:
         """Condition of the ground that inputs violate at their states."""

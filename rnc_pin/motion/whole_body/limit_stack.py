@@ -67,6 +67,8 @@ class ContactCones:
             for place, contact in enumerate(self._forces.contacts)
             if friction is not None and place in self._carrying and contact.along
         ]
+        # Without friction, forces along the ground have no condition: the balance of upward forces is enough.
+        self._upward = not (self._gripping or self._normal.carried_by_row.any())
         names = [f"{name} normal force" for name in self._normal.names]
         for place, along in self._gripping:
             names += [f"{self._forces.names[place]} friction"] * (2 if along == 1 else _SIDES)
@@ -108,14 +110,16 @@ class ContactCones:
         return np.asarray(found.max(axis=0))
 
     def _rows(self, state: StateEvaluation) -> Float[Array, "*batch l nv"]:
-        """All constraint rows at states."""
+        """All constraint rows at states; none if only upward forces matter."""
+        if self._upward:
+            return np.zeros((*state.batch, 0, 0))
         # Moving ground is not among the outputs that the kernel measures.
         return state.all_rows if self._reduced.affine else state.configuration.in_reduction(self._measuring).J1
 
     @cached_property
     def _conditions(self) -> Float[Array, "k y"]:
         """Conditions on all contact forces: rows that are not positive."""
-        forces = self._forces.selection
+        forces = self._forces.selection[..., self._reduced.all_constraints.size if self._upward else 0 :]
         rows = [-forces[self._carrying, 0]]
         for place, along in self._gripping:
             sides = 2 if along == 1 else _SIDES
