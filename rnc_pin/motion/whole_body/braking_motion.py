@@ -379,9 +379,9 @@ class Braking:
         doubt, effort, done = precision.doubt, precision.effort + _DECISION, 0
         decided, found, apart = list[_Decided](), None, np.zeros(1, dtype=bool)
         while done < count and found is None and not apart[-1]:
-            held = T[done : done + _SHORT]
-            motion, errors = self._samples(state, held, length, coarse)
-            steps = len(errors) // len(held)
+            some = T[done : done + _SHORT]
+            motion, errors = self._samples(state, some, length, coarse)
+            steps = len(errors) // len(some)
             apart = np.abs(motion.v2[steps::steps] - wanted[done : done + _SHORT]).max(axis=1) > _DRIFT * speed
             if apart.any():
                 apart = apart[: apart.argmax() + 1]
@@ -392,8 +392,8 @@ class Braking:
             inside, beyond = self._judged(excess, doubts, allowed)
             if not inside.all():
                 found = self._broken(excess.max(axis=0), allowed) if beyond.any() else _DOUBTFUL
-            some = slice(None, None, -(-size // _CHECKED))  # as many states as between checks: the ground's take longer
-            decided += map(_Decided, motion.q[:-1:steps][some], motion.v2[:-1:steps][some], held[:size][some])
+            each = -(-size // _CHECKED)  # as few states as that: the ground's conditions take longer
+            decided += map(_Decided, motion.q[: -1 : each * steps], motion.v2[: -1 : each * steps], some[:size:each])
             doubt, done, t = doubts[-1], done + size, t + size * length * self._dt
         # Blocks that lead elsewhere at once are too long.
         coarse = precision.coarse if done > 1 else max(coarse // 2, 1)
@@ -555,16 +555,14 @@ class Braking:
         while last < count and (not last or (found[last - 1] <= allowed).all()):
             before, first, reach = state, last, np.searchsorted(ways, ways[last] + limits.spacing, side="right")
             last, checks = int(np.clip(reach - 1, last + 1, count)), checks + 1
-            state = known_state(self._reduced, motion.q[last], motion.v2[last], t + last * h)
+            now, then = t + first * h, t + last * h
+            state = known_state(self._reduced, motion.q[last], motion.v2[last], then)
             if limits.spacing < np.inf:
                 rows = None
                 if limits.ends_judged_by_rows:
-                    sample = ControlSample(
-                        self._reduced, t + first * h, before.q, before.v2, (last - first) * h, before
-                    )
+                    sample = ControlSample(self._reduced, now, before.q, before.v2, then - now, before)
                     rows = limits.rows(sample, braking=True)
-                ends = limits.exceeded(state, t + last * h, rows, at_ends=True)
-                np.maximum(own[last - 1], ends, out=own[last - 1])
+                np.maximum(own[last - 1], limits.exceeded(state, then, rows, at_ends=True), out=own[last - 1])
         return state, found, checks
 
     def _ground_problem(self, decided: list[_Decided], allowed: Array) -> str | None:

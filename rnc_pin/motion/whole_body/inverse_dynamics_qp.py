@@ -33,6 +33,7 @@ from rnc_pin.verdict import SHORTFALL, Finding, FindingKind, Severity
 
 _CORRECTIONS = 4  # of the velocity at the end of a sample, each smaller by a factor of order dt
 _BEYOND = 1e-9  # excess over a limit of motion that is rounding
+_SLIGHT = 1e-4  # [rad/s, m/s] excess that tasks hardly feel if another program does not remove it
 _DEPENDENT = 1e-4  # singular value of limits that act, relative to the largest, of which none is corrected
 _MOST_STEPS = 64  # Runge-Kutta steps in a sample
 
@@ -57,6 +58,8 @@ class InverseDynamicsState(NamedTuple):
     unsolved: SampleCount = SampleCount()
     """Samples whose program was not solved: they keep limits alone (``task_hierarchy.solve_within``), or come to rest
     (``otherwise`` there). ``Braking.decide`` may replace either by the kept braking motion."""
+    shifts: Float[Array, "2 k"] | None = None
+    """As of ``InputSolution``. With them, the first program of the next sample is nearly right."""
 
 
 class _SampleProgram(NamedTuple):
@@ -119,6 +122,8 @@ class InputSolution(NamedTuple):
     """State at the end of the sample by the dynamics; None if no limit of motion needs it."""
     unsolved: str = ""
     """Reason why the tasks are not solved."""
+    shifts: Float[Array, "2 k"] | None = None
+    """Changes of the lower and upper bounds that the dynamics within the sample ask for; None if unknown."""
 
 
 def _onto_bounds(multipliers: Array, bounds: ProgramBounds, away: Array, error: float) -> Array:
@@ -241,7 +246,7 @@ class InverseDynamicsQP(WholeBodyProgram):
         """
         elapsed_time(t, state.time)
         q, v2 = self._configuration(measurement), measurement.v2
-        program, found = self._decided(t, q, v2, state.multipliers)
+        program, found = self._decided(t, q, v2, state.multipliers, state.shifts)
         exceeded, worst_exceeded, braking = state.exceeded, state.worst_exceeded, state.braking
         if self._braking is not None:
             start = program.sample.start
@@ -258,14 +263,14 @@ class InverseDynamicsQP(WholeBodyProgram):
             exceeded, worst_exceeded = chosen.exceeded, np.maximum(worst_exceeded, chosen.exceeded)
             if chosen is not planned:
                 excess = np.where(exceeded > _BEYOND, exceeded, 0.0)
-                found = found._replace(T=chosen.T, v2=chosen.v2, excess=excess)
+                found = found._replace(T=chosen.T, v2=chosen.v2, excess=excess, shifts=None)
         x1, x2 = self._desired.at(t)
         # A verdict reads the last state alone, so it has the largest amounts.
         worst = np.maximum(state.worst_excess, found.excess)
         command = Command(T=found.T, v2_desired=found.v2, x1_desired=x1, x2_desired=x2)
         amounts = found.excess, worst, exceeded, worst_exceeded
         unsolved = state.unsolved.and_one(t, found.unsolved)
-        return command, InverseDynamicsState(t, found.multipliers, *amounts, braking, unsolved)
+        return command, InverseDynamicsState(t, found.multipliers, *amounts, braking, unsolved, found.shifts)
 
     def solve(self, t: float, q: Array, v2: Array, multipliers: Array | None = None) -> InputSolution:
         """Solve the program of one sample.
@@ -279,11 +284,11 @@ class InverseDynamicsQP(WholeBodyProgram):
         return self._decided(t, q, v2, multipliers)[1]
 
     def _decided(
-        self, t: float, q: Array, v2: Array, multipliers: Array | None
+        self, t: float, q: Array, v2: Array, multipliers: Array | None, shifts: Array | None = None
     ) -> tuple[_SampleProgram, InputSolution]:
         """Program of one sample, and its solution."""
         program = self._program(t, q, v2)
-        return program, self._solved(program, *self._posed(t, program), multipliers)
+        return program, self._solved(program, *self._posed(t, program), multipliers, shifts)
 
     def braking_problem(self, t: float, q: Array, v2: Array) -> str | None:
         """Return what the braking motion from a state does not keep; None if all limits hold until rest.
@@ -353,8 +358,15 @@ class InverseDynamicsQP(WholeBodyProgram):
         sampled: SampledDamping,
         bounds: ProgramBounds,
         multipliers: Array | None,
+        shifts: Array | None,
     ) -> InputSolution:
-        """Solve the levels within the limits, which hold for the velocity that the dynamics give at the end."""
+        """Solve the levels within the limits, which hold for the velocity that the dynamics give at the end.
+
+        Args:
+            program: limits of the sample and the effect of its inputs.
+            levels, sampled, bounds: as of ``_posed``.
+            multipliers, shifts: those of the last sample, if they are known.
+        """
         sample, rows = program.sample, program.rows
         state, motions = sample.start, len(rows.lower)
 
@@ -363,8 +375,9 @@ class InverseDynamicsQP(WholeBodyProgram):
             return np.asarray(levels.rate[lowest].dot(levels.jacobian[lowest]))
 
         always = self._limits, rest, 0.0
-        found = best = solve_within(levels, bounds, *always, multipliers, self._forces, sampled)
-        least, best_end, steps = np.inf, None, 0
+        first = bounds if shifts is None else bounds.shifted(shifts)
+        found = best = solve_within(levels, first, *always, multipliers, self._forces, sampled)
+        least, best_end, steps, shifts = np.inf, None, 0, None
         # Mostly the motion is far from all limits: then nothing need be integrated.
         T, v2 = program.efforts(found.unknowns), program.velocity(found.unknowns)
         far = not found.unsolved and self._reduced.evaluator.far_within(
@@ -379,30 +392,29 @@ class InverseDynamicsQP(WholeBodyProgram):
             if not beyond.max() < least:
                 break  # near singular coordinates, corrections need not converge
             best, best_end, least = found, end, float(beyond.max())
-            if least <= _BEYOND:
-                break
             # A change of the velocity at the end changes that in the middle by half of it.
             above, below = (np.where(throughout, 2.0 * turning - each, reached) for each in (rows.upper, rows.lower))
             highest, lowest = np.maximum(reached, above), np.minimum(reached, below)
-            if attempt:
+            expected = rows.jacobian @ (sample.end.R @ program.velocity(found.unknowns) + sample.end.b)
+            shifts = np.zeros((2, len(self.limit_names)))
+            shifts[:, rows.places] = expected - lowest, expected - highest
+            if least <= _BEYOND:
+                break
+            if attempt or least <= _SLIGHT:
                 over, under = highest - rows.upper - excess, rows.lower - lowest - excess
                 change = _onto_bounds(found.multipliers, bounds, np.where(over > under, -over, under), 2.0 * least)
                 found = found._replace(unknowns=found.unknowns + change)
                 continue
-            expected = rows.jacobian @ (sample.end.R @ program.velocity(found.unknowns) + sample.end.b)
-            lower, upper = bounds.lower.copy(), bounds.upper.copy()
-            lower[:motions] += expected - lowest
-            upper[:motions] += expected - highest
             # Limits that exclude each other still do after a correction: an attempt to keep them is spared.
-            exclusive, near = bool(excess.any()), sampled._replace(near=found.damping)
-            shifted = bounds._replace(lower=lower, upper=upper)
-            found = solve_within(levels, shifted, *always, found.multipliers, self._forces, near, exclusive)
+            similar = self._forces, sampled._replace(near=found.damping), bool(excess.any())
+            found = solve_within(levels, bounds.shifted(shifts), *always, found.multipliers, *similar)
             if found.unsolved:
                 break
         if not far:
             T, v2 = program.efforts(best.unknowns), program.velocity(best.unknowns)
         T = clipped(T, self._reduced.actuation.limits)  # the solver's rounding is no effort
-        return InputSolution(T, v2, best.multipliers, best.excess, best_end, best.unsolved)
+        shifts = None if best.excess.any() else shifts  # limits that exclude each other may come and go
+        return InputSolution(T, v2, best.multipliers, best.excess, best_end, best.unsolved, shifts)
 
     def _end(self, state: StateEvaluation, T: Array, steps: int = 0) -> tuple[StateEvaluation, int]:
         """State at the end of the sample under constant inputs, and its Runge-Kutta steps: as many as it needs if 0."""

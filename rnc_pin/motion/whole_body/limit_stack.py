@@ -154,6 +154,11 @@ class ProgramBounds(NamedTuple):
         found[..., self.places] = values
         return found
 
+    def shifted(self, shifts: Float[Array, "2 total"]) -> ProgramBounds:
+        """Return bounds that are changed by these amounts."""
+        lower, upper = shifts[:, self.places]
+        return self._replace(lower=self.lower + lower, upper=self.upper + upper)
+
     def excess(self, v2: Array) -> Float[Array, " k"]:
         """Amount by which a velocity exceeds each row, (k,); zero if it satisfies the row."""
         values = self.rows @ v2
