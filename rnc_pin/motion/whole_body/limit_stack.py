@@ -83,7 +83,7 @@ class ContactCones:
         p = self._reduced.p
         if not self.names:
             return self._none
-        effects, needed = self._forces.equations(state, self._rows(state), np.vstack([np.zeros(p), np.eye(p)]))
+        effects, needed = self._forces.equations(state, self._rows(state), np.eye(p + 1, p, -1))
         # Rigid bodies leave some forces undetermined: these become unknowns beside the inputs.
         left, values, right = np.linalg.svd(effects[0])
         rank = int((values > _RANK * values[0]).sum())

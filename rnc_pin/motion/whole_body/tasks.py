@@ -294,6 +294,7 @@ class _BoundBase(BoundTask):
     def __init__(self, task: BasePoseTask, reduced: ReducedModel) -> None:
         outputs = FramePosition(task.frame, "xy"), FrameYaw(task.frame)
         self._pose = self.followed = OutputStack([each.bind(reduced.robot) for each in outputs])
+        self._evaluator = evaluator_for(reduced.reduction_data.measuring(self._pose), reduced.evaluator)
         self._aiming, self._pivots = _aiming(reduced, task.frame), np.zeros((0, reduced.n))
         steering = () if self._aiming is None else self._aiming.steering
         if self._aiming is not None:
@@ -305,15 +306,15 @@ class _BoundBase(BoundTask):
         (self._lateral_gain,) = task.numbers("lateral_gain", task.lateral_gain, 1)
 
     def rows(self, sample: ControlSample) -> TaskRows:
-        at, desired = sample.end.position, self.reference.at(sample.time)
-        placed = self._pose.value(at)
+        desired, J = self.reference.at(sample.time), np.empty((3, len(sample.end.v)))
+        placed = self._evaluator.vertical_outputs(sample.end, J)
         yaw, error = float(placed[2]), self._pose.coordinates.difference(desired.position, placed)
         rate = desired.velocity + self._gain * error
         cosine, sine = np.cos(desired.position[2]), np.sin(desired.position[2])
         forward = cosine * desired.velocity[0] + sine * desired.velocity[1]
         # A base that cannot move sideways turns towards the path while it moves.
         rate[2] += self._lateral_gain * forward * (np.cos(yaw) * error[1] - np.sin(yaw) * error[0])
-        rows = np.vstack([self._pose.jacobian(at), self._pivots])
+        rows = np.vstack([J, self._pivots])
         if self._aiming is None:
             return TaskRows(rows, rate)
         # Pivots turn with the base: they are aimed at the twist in its own axes.
