@@ -198,7 +198,7 @@ class UncertainState(NamedTuple):
     """States of the estimator and of the inner controller."""
 
     estimator: EstimatorState
-    controller: State
+    target: State
 
 
 class UncertainController(ReprMixin):
@@ -233,11 +233,11 @@ class UncertainController(ReprMixin):
     """
 
     def __init__(self, estimator: Estimator, controller: Controller) -> None:
-        self.estimator, self.controller = estimator, controller
+        self.estimator, self.target = estimator, controller  # findings and goals are those of the target
 
     def describe(self) -> Description:
         """Return gain, first estimates and bounds of the estimator, and the inner controller."""
-        return {"type": type(self).__name__, **self.estimator.describe(), "controller": describe(self.controller)}
+        return {"type": type(self).__name__, **self.estimator.describe(), "controller": describe(self.target)}
 
     def initial_state(self, measurement: Measurement) -> UncertainState:
         """Return the first estimates, and the initial state of the controller under them.
@@ -248,13 +248,13 @@ class UncertainController(ReprMixin):
         state = self.estimator.initial_state()
         # The controller must not see the true kinematics, not even in its first state.
         seen = with_estimated_kinematics(measurement, self.estimator.model.at(measurement.q, measurement.v2))
-        return UncertainState(state, self.controller.initial_state(seen))
+        return UncertainState(state, self.target.initial_state(seen))
 
     def step(self, t: float, measurement: Measurement, state: UncertainState) -> tuple[Command, UncertainState]:
         # The estimates first, so that the law (16) of this sample has them.
         learnt, error = self.estimator.step(t, measurement, state.estimator)
         estimate = self.estimator.model.at(measurement.q, measurement.v2)
-        command, inner = self.controller.step(t, with_estimated_kinematics(measurement, estimate), state.controller)
+        command, inner = self.target.step(t, with_estimated_kinematics(measurement, estimate), state.target)
         # Allocated here: the loop would allocate by the true R^T B, which depends on the unknown parameters.
         if command.F is not None:
             command = command._replace(F=None, T=estimate.allocate(command.F))

@@ -8,6 +8,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.control import Command, Estimator, UncertainController, UnknownRadius, UnknownTrack, WheelRegressor
+from rnc_pin.control.controller import findings_of, nested
 from rnc_pin.control.estimation import EstimatorState, adapt
 from rnc_pin.model.evaluation_results import Measurement
 from textbook_systems import reduced_cart, two_wheeled_cart
@@ -113,6 +114,9 @@ class Watcher:
         self.shown.append(measurement)
         return Command(**self.command), state + 1
 
+    def findings(self, state, samples):
+        return [(*nested(state), samples)[1:]]
+
 
 @pytest.mark.parametrize("by_force", [True, False])
 def test_a_controller_under_estimates_sees_their_kinematics_and_is_allocated_by_them(by_force):
@@ -126,7 +130,8 @@ def test_a_controller_under_estimates_sees_their_kinematics_and_is_allocated_by_
     assert command.T.tolist() == ([3.0, -6.0] if by_force else [1.0, -2.0])
     assert command.v2_desired is (force if by_force else None)
     assert (command.estimates.tolist(), command.prediction_error.tolist()) == ([2.0], [0.25])
-    assert (state.estimator.time, state.estimator.p.tolist(), state.controller) == (0.5, [2.0], 5)
+    assert (state.estimator.time, state.estimator.p.tolist(), state.target) == (0.5, [2.0], 5)
+    assert findings_of(law, state, 1) == ((5, 1),)
     assert len(inner.shown) == 2
     for seen in inner.shown:
         assert (seen.A_star.tolist(), seen.A_star_dot.tolist()) == ([[8.0, 2.0]], [[7.0, 4.0]])
