@@ -156,8 +156,8 @@ class EstimatedModel(ReducedModel):
 class _OwnedCopy:
     """Copy of a model whose parameters are written in place, which is faster than another copy for each sample.
 
-    Each writing gets a robot object of its own, to which all models and evaluations of these parameters refer. The
-    copy is free when this robot no longer exists: nobody can see that its parameters change.
+    Each writing gets a robot object of its own, to which all models and evaluations of these parameters refer. It
+    is written again only when this robot no longer exists: then no model or evaluation uses it any more.
 
     Args:
         evaluator: evaluator of the copy.

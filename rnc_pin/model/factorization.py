@@ -6,11 +6,7 @@ for whoever needs R. Others raise it too: ``rows.check_defined`` at once for und
 ``min_singular_value``, ``control.redundancy`` where A4 is singular, and ``control.slithering`` where the driven path
 bends too tightly. The compiled kernel declines singular and doubtful states.
 
-A run on a ``ReducedPlant`` of the controller's own model, without faults, raises the error. Its outcome is
-``SINGULAR``, and its verdict has the finding ``singular``. ``sampled_run.complete_run`` leaves the samples so far in
-``error.trajectory``; ``Scenario.simulated``, sweeps, drives and batches keep them as a result. On any other plant, the
-loop gives its safe command to the end, unless its ``fallback`` is "raise". Nothing is raised then: the outcome is
-``FAILED``, with the findings ``ended_early`` and ``fallback``.
+``simulation/sampled_run.complete_run`` tells how such a run ends.
 """
 
 from __future__ import annotations
@@ -148,7 +144,7 @@ def _best_rows(data: ReductionData, rows: Array) -> Int[Array, " m"] | None:
     if data.m and not sizes[-1] > dependent:
         return None  # the constraints themselves lose rank
     kept = np.array(data.kept, dtype=int)
-    # Rows that change between neighbouring states would make R jump: the default rows stay while they are well
+    # Rows that change between neighbouring states make the multipliers jump: the default rows stay while they are well
     # independent, and others replace them only where they are not.
     well = 1e-3  # smallest singular value of unit rows
     if np.linalg.svd((rows / natural)[kept], compute_uv=False).min(initial=1.0) < well:

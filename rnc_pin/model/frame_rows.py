@@ -178,7 +178,7 @@ FLAT = 1e-6
 
 
 class WrenchRows(Rows):
-    """Rows ``W (V - G)``.
+    """Rows ``W (V - G)`` with the twist V of a frame and the twist G of the ground, or of another frame.
 
     Attributes:
         frame: index of the frame.

@@ -1,7 +1,7 @@
 """Nonholonomic mechanical system: robot, constraints and actuators. Paper (1).
 
 A system decides once which constraint rows are kept, by ``independence.select_independent`` at sampled configurations.
-Where the squared dependence of a row of E on the others exceeds ``ReductionData.fast_limit``, ``factorization`` looks
+Where a row of E depends on the others by more than 1e3, one over the sine of its angle to them, ``factorization`` looks
 at one state again. The basis of each new chart of the reduced plant (``VelocityChart``) follows the rows chosen there.
 """
 

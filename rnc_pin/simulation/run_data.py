@@ -262,7 +262,7 @@ class RunData:
     F: Float[Array, "N r"]
     """Applied reduced force."""
     T: Float[Array, "N p"]
-    """Actuator inputs."""
+    """Inputs that the plant applied, after it has clipped them."""
     multipliers: Float[Array, "N m"]
     """Multipliers of the kept constraint rows, minus their forces on the robot; NaN where other rows were needed."""
     contact_forces: Float[Array, "N c"]
@@ -281,7 +281,7 @@ class RunData:
     position_residual: Float[Array, " N"]
     """Largest violation of a holonomic row [m or rad]; zero without such rows."""
     singular_value: Float[Array, " N"]
-    """Smallest singular value of the stack E with unit rows."""
+    """Smallest singular value of the stack E, rows scaled by their typical length; it decides nothing."""
     estimates: Float[Array, "N s"]
     """Parameter estimates of the controller; no columns without named parameters."""
     prediction_error: Float[Array, "N e"]

@@ -62,6 +62,7 @@ class Outcome(StrEnum):
     DIVERGED = "diverged"
     LIMIT = "limit"
     FAILED = "failed"
+    """An error, or the safe command to the end; a verdict can fail for other reasons."""
 
 
 @printed()

@@ -362,6 +362,11 @@ class Progress:
 def complete_run(advance: Callable[[Progress], str | None], finish: Finish) -> Trajectory:
     """Run to the end and return the trajectory; Ctrl-C ends the run early.
 
+    A ``SingularityError`` on a ``ReducedPlant`` of the controller's own model ends the run: its outcome is
+    ``SINGULAR``, and its verdict has the finding ``singular``. On another plant the loop gives its safe command to the
+    end, unless its ``fallback`` is "raise": the outcome is ``FAILED``, with the findings ``ended_early`` and
+    ``fallback``, and no error is raised. Scenarios, sweeps, drives and batches keep ``error.trajectory`` as a result.
+
     It writes no file: the result folder of a scenario is written by ``applications/scenario/execution.write``.
 
     Args:

@@ -104,7 +104,7 @@ class BaseKind(NamedTuple):
     draft: Callable[[BaseEvidence], BaseAssumptions]
     """Return its assumptions, with decisions, their confidence, and doubts."""
     is_last: bool = False
-    """True if nothing else is tried after it."""
+    """True if no other kind is tried after its draft is refused."""
 
 
 BASE_KINDS = (
@@ -127,7 +127,7 @@ BASE_KINDS = (
     BaseKind(lambda e: e.is_open, lambda e: e.without_wheels("fixed", "taken to be bolted down, for lack of better")),
     BaseKind(lambda e: e.is_open, lambda e: other_bases.fixed_base_with_locked_joints(e.at_start)),
 )
-"""Kinds of bases, the most likely first; the first one whose trial succeeds is taken."""
+"""Kinds of bases, the most likely first. The first one whose trial succeeds is taken, else the best trial."""
 
 
 def _is_yes(decision: DraftDecision | None) -> bool:

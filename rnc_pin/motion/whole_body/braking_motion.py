@@ -26,12 +26,13 @@ from rnc_pin.motion.whole_body.limit_stack import ContactBounds, ContactCones, L
 from rnc_pin.motion.whole_body.limits.control_limit import ControlSample, HeldMotion, LimitRows, known_state
 from rnc_pin.motion.whole_body.whole_body_program import SampleCount
 
-_KEPT = 2e-7  # [rad, m, and per second] excess over a limit that is an error of the integration
+_TOLERANCE = 2e-7  # [rad, m, and per second] excess over a limit that is an error of the integration
 _REST = 1e-4  # [rad/s, m/s] speed that counts as rest: its inputs remove it within a sample
-_DECISION, _CHECK = 8, 6  # time of a decision, and of a check beside its steps, in Runge-Kutta steps
-_EFFORT = 1800  # of a state of a user, in such steps, so that runs repeat
-_BUDGET, _PACE = 120, 24e3  # of a sample that may follow a kept motion instead: at least, and per second
-_AGAIN = 250  # of a sample without one to follow, about 7 ms: limits that cannot hold are tried again and again
+# Work is counted in Runge-Kutta steps, not in time, so that runs repeat.
+_DECISION, _CHECK = 8, 6  # work of a decision, and of a check beside its steps
+_MOST_WORK = 1800  # for the check of a state that a user asks for
+_BUDGET, _PACE = 120, 24e3  # work in a sample that may follow a kept motion instead: at least, and per second
+_AGAIN = 250  # work in a sample without one to follow, about 7 ms: limits that cannot hold are tried again and again
 _SMALL = 0.1  # speed of a joint that does not count, relative to the largest
 _PART = 0.75  # of the time in which joints stop: inputs are held that long
 _RESERVE = 1.1  # of the time in which efforts stop all joints
@@ -77,8 +78,8 @@ class BrakingMotion(NamedTuple):
     """Reason why it does not keep all limits until rest; None if it does."""
     together: bool = True
     """True if all joints come to rest at the same time."""
-    effort: int = 0
-    """Time of the roll-outs that led to it, in Runge-Kutta steps."""
+    work: int = 0
+    """Work that led to it."""
 
 
 class BrakingState(NamedTuple):
@@ -113,8 +114,8 @@ class _Precision(NamedTuple):
     """Length of steps, relative to the finest ones."""
     doubt: float = 0.0
     """Error of velocities that they may have caused so far."""
-    effort: int = 0
-    """Time of the motion so far, in Runge-Kutta steps."""
+    work: int = 0
+    """Work on the motion so far."""
 
 
 class _Part(NamedTuple):
@@ -161,7 +162,7 @@ class Braking:
         self._reduced, self._limits, self._contacts = reduced, limits, contacts
         self._names, self._dt, self._longest = names, dt, longest
         self._motion, self._manifold = ReducedMotion(reduced.robot), ConfigurationManifold(reduced.robot.model)
-        self._budget = min(max(_BUDGET, round(_PACE * dt)), _EFFORT)
+        self._budget = min(max(_BUDGET, round(_PACE * dt)), _MOST_WORK)
         self._coarse = _COARSE if limits.spacing == np.inf else 1
         self._fine = max(1, int(_STEP / dt + _ROUNDING))  # samples of the finest step
         self._late = f"the robot does not come to rest within {longest:g} s"
@@ -187,8 +188,8 @@ class Braking:
         3. Eased: the same in place of 2 for some samples after one that braked; a part of the way back to the program.
         4. Unverified: limits ask for motion, or nothing is kept and the budget is used up.
         5. Kept: the next sample of the kept motion, if the robot is where that motion begins.
-        6. New: the first sample of a braking motion from the present state. If that one is not verified, it is
-           executed only where a motion was kept, which the robot has left, and it counts as unverified.
+        6. New: the first sample of a braking motion from the present state. If that motion is not verified, a robot
+           that has left its kept motion brakes all the same, and the sample counts as unverified. Others go on by 7.
         7. Unverified: there is no such motion, or its sample exceeds a limit.
 
         In 1, 4 and 7 the sample is the planned one, and nothing is kept after it.
@@ -225,7 +226,7 @@ class Braking:
         asked = np.maximum(rows.lower, -rows.upper)[~self._limits.judged_by_rows[rows.places]]
         moved = bool((asked > _BEYOND).any())  # limits ask for motion: an obstacle comes nearer, or one is exceeded
         budget = max(self._budget, _AGAIN) if kept is None or moved else self._budget
-        broken = self._broken(eased.exceeded, np.maximum(before, _KEPT))
+        broken = self._broken(eased.exceeded, np.maximum(before, _TOLERANCE))
         after = BrakingMotion(eased.q, eased.v2, np.zeros((0, len(before))), broken)
         if broken is None:
             end = known_state(self._reduced, eased.q, eased.v2, t + self._dt)
@@ -234,11 +235,11 @@ class Braking:
             braked = state.braked if eased is planned else state.braked.and_one(t, state.braked.reason)
             share = min(1.0, share + _EASED)
             return eased, state._replace(kept=after, failed=None, share=share, last=eased.T, braked=braked)
-        if moved or (kept is None and after.effort >= budget):
+        if moved or (kept is None and after.work >= budget):
             return unverified(after.problem)
         braked = state.braked.and_one(t, after.problem)
         if kept is None:  # the present state can still be safe where the planned end is not
-            kept = self.motion(start, t, before, ground, together, budget - after.effort)
+            kept = self.motion(start, t, before, ground, together, budget - after.work)
         if kept.problem is not None and (state.kept is None or not len(kept.inputs)):
             return unverified(kept.problem)
         braking = under(kept.inputs[0])
@@ -259,7 +260,7 @@ class Braking:
         before: Array,
         ground: ContactBounds,
         together: bool = True,
-        budget: int = _EFFORT,
+        budget: int = _MOST_WORK,
     ) -> BrakingMotion:
         """Roll out the braking motion from a state until rest.
 
@@ -270,18 +271,18 @@ class Braking:
                 joint beyond its limit may rest or return.
             ground: conditions of the ground near this state, with which the motion is planned.
             together: way that is tried first, that of the last motion: see ``BrakingMotion``.
-            budget: largest effort, in Runge-Kutta steps.
+            budget: largest work.
         """
-        effort, most = 0, min(budget, _EFFORT // 2)
+        work, most = 0, min(budget, _MOST_WORK // 2)
         for way in (together, not together):
             for coarse in (self._coarse, 1):  # the finest steps only where coarse ones cannot tell
-                found = self._rolled_out(start, t, before, ground, way, coarse, min(budget - effort, most))
-                effort += found.effort
+                found = self._rolled_out(start, t, before, ground, way, coarse, min(budget - work, most))
+                work += found.work
                 if found.problem != _DOUBTFUL:
                     break
-            if effort >= budget or found.problem in (None, self._late):
+            if work >= budget or found.problem in (None, self._late):
                 break
-        return found._replace(effort=effort)
+        return found._replace(work=work)
 
     def _rolled_out(
         self,
@@ -303,10 +304,10 @@ class Braking:
         # A joint that has stopped would hinder the others: from then on, all stop together.
         speed, first = np.abs(start.v2), together
         slow = np.where(speed > _SMALL * speed.max(initial=0.0), _SMALL * speed, 0.0)
-        state, allowed, most = start, np.maximum(before, _KEPT), round(self._longest / self._dt) + 1
+        state, allowed, most = start, np.maximum(before, _TOLERANCE), round(self._longest / self._dt) + 1
         precision = _Precision(coarse)
         try:
-            while precision.effort < budget:
+            while precision.work < budget:
                 T, held, stops = self._law(state, t, ground, together)
                 if not held:
                     inputs.append(T)
@@ -326,7 +327,7 @@ class Braking:
                 problem = _LONG
         except (SingularityError, DivergenceError, ConstraintError) as error:
             problem = str(error)
-        return BrakingMotion(start.q, start.v2, np.array(inputs), problem, first, precision.effort)
+        return BrakingMotion(start.q, start.v2, np.array(inputs), problem, first, precision.work)
 
     def _under(
         self, T: Array, held: int, state: StateEvaluation, t: float, allowed: Array, precision: _Precision
@@ -335,7 +336,7 @@ class Braking:
 
         Half of the way to a limit that gives way is left: constant inputs suit a part of the way.
         """
-        coarse, effort, samples = precision.coarse, precision.effort + _DECISION, min(held, self._between_checks(state))
+        coarse, work, samples = precision.coarse, precision.work + _DECISION, min(held, self._between_checks(state))
         decided = [_Decided(state.q, state.v2, T)]
         while True:
             longest = coarse * self._fine  # samples of a step
@@ -345,10 +346,10 @@ class Braking:
             motion, errors = self._samples(state, T[None], samples, coarse)
             end, excess, checks = self._exceeded_along(motion, state, t, allowed)
             doubts, count = precision.doubt + errors, len(excess)
-            effort += _CHECK * checks + count
+            work += _CHECK * checks + count
             inside, beyond = self._judged(excess, doubts, allowed)
             if inside.all():
-                return _Part(end, np.tile(T, (samples, 1)), decided, None, _Precision(coarse, doubts[-1], effort))
+                return _Part(end, np.tile(T, (samples, 1)), decided, None, _Precision(coarse, doubts[-1], work))
             good = int(inside.argmin())
             known = (good // 2 if beyond[good] else good) if self._limits.spacing == np.inf else 0
             while known * samples % count:
@@ -356,7 +357,7 @@ class Braking:
             if known:
                 samples = known * samples // count
                 end = known_state(self._reduced, motion.q[known], motion.v2[known], t + samples * self._dt)
-                precision = _Precision(coarse, doubts[known - 1], effort)
+                precision = _Precision(coarse, doubts[known - 1], work)
                 return _Part(end, np.tile(T, (samples, 1)), decided, None, precision)
             if not beyond[good] and coarse > 1:
                 coarse //= 2  # these steps cannot tell
@@ -364,7 +365,7 @@ class Braking:
                 samples //= 2
             else:
                 found = self._broken(excess.max(axis=0), allowed) or _DOUBTFUL
-                return _Part(end, T[None], decided, found, _Precision(coarse, doubts[-1], effort))
+                return _Part(end, T[None], decided, found, _Precision(coarse, doubts[-1], work))
 
     def _together(self, held: int, state: StateEvaluation, t: float, allowed: Array, precision: _Precision) -> _Part:
         """Part in which all joints come to rest together after some samples, or the begin of it.
@@ -376,7 +377,7 @@ class Braking:
         length = min((2 * coarse if coarse > 1 else 1) * self._fine, held, self._between_checks(state))
         count, speed = -(-held // length), np.abs(state.v2).max()
         T, wanted = self._inputs_to_rest(state, count, count * length * self._dt)
-        doubt, effort, done = precision.doubt, precision.effort + _DECISION, 0
+        doubt, work, done = precision.doubt, precision.work + _DECISION, 0
         decided, found, apart = list[_Decided](), None, np.zeros(1, dtype=bool)
         while done < count and found is None and not apart[-1]:
             some = T[done : done + _SHORT]
@@ -388,7 +389,7 @@ class Braking:
             size = len(apart)
             motion, doubts = motion.until(size * steps), doubt + errors[: size * steps]
             state, excess, checks = self._exceeded_along(motion, state, t, allowed)
-            effort += _CHECK * checks + len(errors)
+            work += _CHECK * checks + len(errors)
             inside, beyond = self._judged(excess, doubts, allowed)
             if not inside.all():
                 found = self._broken(excess.max(axis=0), allowed) if beyond.any() else _DOUBTFUL
@@ -397,7 +398,7 @@ class Braking:
             doubt, done, t = doubts[-1], done + size, t + size * length * self._dt
         # Blocks that lead elsewhere at once are too long.
         coarse = precision.coarse if done > 1 else max(coarse // 2, 1)
-        return _Part(state, np.repeat(T[:done], length, axis=0), decided, found, _Precision(coarse, doubt, effort))
+        return _Part(state, np.repeat(T[:done], length, axis=0), decided, found, _Precision(coarse, doubt, work))
 
     def _inputs_to_rest(self, state: StateEvaluation, count: int, whole: float) -> tuple[Array, Array]:
         """Inputs (count, p) of a constant deceleration to rest in equal parts of a time, v2 (count, r) after each."""

@@ -153,9 +153,10 @@ class InverseDynamicsQP(WholeBodyProgram):
     motions need nothing special. Tasks and limits are those of ``VelocityQP``. The velocity error of a task decays at
     the rate ``velocity_gain``. Motion that no task determines comes to rest at the same rate.
 
-    Two kinds of limits concern forces. Inputs stay within the effort limits of the actuators; these never give way. On
-    the ground, normal forces push, and with ``friction`` every contact stays in its friction cone. The ground's
-    conditions come next; ``VelocityQP`` has the order of the other limits. ``report`` tells which limits gave way.
+    Two kinds of limits concern forces. Inputs stay within the effort limits of the actuators. On the ground, normal
+    forces push, and with ``friction`` every contact stays in its friction cone. If limits exclude each other, soft
+    limits give way first, in the order of ``VelocityQP``, then hard ones, then the ground's. Effort limits never do.
+    ``report`` tells which limits gave way.
 
     Tasks use the acceleration at the start of the sample. Limits of motion hold for the velocity at its end: if the
     integrated dynamics exceed them, the program is solved again with the difference.

@@ -286,12 +286,12 @@ class LimitStack:
     def relaxed(self, bounds: ProgramBounds, before: Sequence[Array] = ()) -> tuple[ProgramBounds, Array] | None:
         """Return bounds that some velocity satisfies, and such a velocity; None if the solver finds none.
 
-        Groups are added one by one, hard limits first. Each group gives way by the least sum of squares that the groups
-        before it allow.
+        Groups are added one by one: those of ``before``, hard limits, soft ones. Each gives way by the least sum of
+        squares that the groups before it allow.
 
         Args:
             bounds: the bounds; their first places are those of the limits.
-            before: groups of further places that come before the limits.
+            before: groups of further places, which give way after all limits.
         """
         rows, lower, upper = bounds.rows, bounds.lower.copy(), bounds.upper.copy()
         r = rows.shape[1]

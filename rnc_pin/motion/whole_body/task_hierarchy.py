@@ -321,7 +321,7 @@ def solve_within(
         multipliers: multipliers of all limits in a similar program, (levels, k), to start from.
         limits: the limits, in the order in which they give way.
         otherwise: gives the unknowns (n,) if no program is solved.
-        before: groups of further places of the bounds that come before the limits.
+        before: groups of further bounds, which give way after all limits.
         exclusive: True if the limits of a similar program exclude each other.
     """
     found = None if exclusive else solve_cascade(levels, bounds, damping, multipliers, sampled)

@@ -179,7 +179,7 @@ def test_a_joint_near_its_limit_stays_there_while_another_one_stops(monkeypatch)
         places.append(plant.read()[0][1])
     assert np.abs(np.subtract(places, 1.5)).max() < 1e-3
     assert np.abs(plant.read()[1]).max() < 1e-4
-    assert motions[0].effort < 80  # in Runge-Kutta steps: two decisions
+    assert motions[0].work < 80  # in Runge-Kutta steps: two decisions
 
 
 def test_a_plant_that_is_not_the_model_stops_too():
