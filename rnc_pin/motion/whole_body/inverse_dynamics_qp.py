@@ -379,9 +379,9 @@ class InverseDynamicsQP(WholeBodyProgram):
         first = bounds if shifts is None else bounds.shifted(shifts)
         found = best = solve_within(levels, first, *always, multipliers, self._forces, sampled)
         least, best_end, steps, shifts = np.inf, None, 0, None
-        # Mostly the motion is far from all limits: then nothing need be integrated.
         T, v2 = program.efforts(found.unknowns), program.velocity(found.unknowns)
-        far = not found.unsolved and self._reduced.evaluator.far_within(
+        # Mostly the motion is far from all limits: then nothing need be integrated, unless a braking motion follows.
+        far = not (found.unsolved or self._braking) and self._reduced.evaluator.far_within(
             (state, sample.end), v2, T, sample.time, self.dt, (rows.jacobian, rows.lower, rows.upper)
         )
         for attempt in range(0 if far or found.unsolved or not motions else _CORRECTIONS + 1):
