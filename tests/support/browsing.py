@@ -36,6 +36,11 @@ def opened():
         context.__exit__(None, None, None)
 
 
+def sample(t, q):
+    """Sample that an observer of a bare robot gets."""
+    return rnc.simulation.Sample(t, rnc.Measurement(q=q), rnc.control.Command(), np.empty(0))
+
+
 def visit(launched, url, offline=False):
     """A page, and a list that collects whatever goes wrong in it, such as a request that leaves the site."""
     context = launched.new_context(offline=offline, viewport={"width": 640, "height": 420})

@@ -8,11 +8,10 @@ import pytest
 
 import rnc_pin as rnc
 from bodies import frame_placement
-from browsing import changed, children, picture, place, shape_place, visit, vivid
+from browsing import changed, children, picture, place, sample, shape_place, visit, vivid
 from patience import PATIENCE, eventually
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.visualization.browser.scene_server import SceneWindow
 from rnc_pin.visualization.drawn_state import View
 from rnc_pin.visualization.loop_view import LiveView
@@ -152,12 +151,12 @@ def test_the_live_page_follows_the_robot_and_may_be_closed(browser, robot):
     start, later = (robot.configuration({"joint_1": angle, "joint_2": 1.0}) for angle in (-0.5, 1.0))
     live = LiveView(robot, VIEW, speed=0.0, open_browser=False)
     try:
-        live(at(0.0, start))
+        live(sample(0.0, start))
         page, problems = visit(browser, live.url)
         assert live.wait_for_browser(PATIENCE)
         assert eventually(lambda: vivid(picture(page)) > 1000)
         before = picture(page)
-        live(at(1.0, later))
+        live(sample(1.0, later))
         assert eventually(lambda: changed(before, picture(page)) > 1000)
         assert eventually(lambda: row(page, "time") == "1.00 s")
         assert problems == []
@@ -166,7 +165,7 @@ def test_the_live_page_follows_the_robot_and_may_be_closed(browser, robot):
             page.context.close()
             moving.result()
         assert eventually(lambda: not live.wait_for_browser(0.0))
-        live(at(30.0, later))
+        live(sample(30.0, later))
         # Who comes later sees where the robot is by then, and its path.
         page, problems = visit(browser, live.url)
         assert live.wait_for_browser(PATIENCE)
@@ -182,11 +181,7 @@ def test_the_live_page_follows_the_robot_and_may_be_closed(browser, robot):
     assert live.problem is None
 
 
-def at(t, q):
-    return rnc.simulation.Sample(t, Measurement(q=q), rnc.control.Command(), np.empty(0))
-
-
 def keep_moving(live, times, q):
     for t in times:
-        live(at(t, q + 0.1 * np.sin(t)))
+        live(sample(t, q + 0.1 * np.sin(t)))
         time.sleep(0.005)

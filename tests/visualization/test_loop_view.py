@@ -17,12 +17,11 @@ import pytest
 import umsgpack
 
 import rnc_pin as rnc
-from browsing import listening, port_of, watching
+from browsing import listening, port_of, sample, watching
 from held_memory import holding_at_most
 from patience import PATIENCE, eventually
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.simulation import RunInfo, output_names
 from rnc_pin.visualization.browser.page import in_order, is_loopback
 from rnc_pin.visualization.browser.scene_server import SceneWindow
@@ -43,11 +42,6 @@ def prepared():
 @pytest.fixture(scope="module")
 def run(prepared):
     return execute(prepared).trajectory
-
-
-def sample(t, q):
-    """Sample that an observer of a bare robot gets."""
-    return rnc.simulation.Sample(t, Measurement(q=q), rnc.control.Command(), np.empty(0))
 
 
 def can_connect(host, port):
