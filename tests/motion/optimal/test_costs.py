@@ -37,7 +37,7 @@ def test_every_cost_and_bound_of_a_mobile_robot(form):
 def test_orientation_of_a_hand_and_distances_of_an_arm():
     reduced = systems.driven_panda()
     model = action_model(reduced, "kinematic")
-    shelf = rnc.collision.Obstacle(coal.Sphere(0.2), position=(1.2, 0.0, 0.4), name="shelf")
+    shelf = rnc.collision.Obstacle(coal.Sphere(0.2), position=(0.8, 0.0, 0.4), name="shelf")
     rules = rnc.collision.PairSelection(links=False)
     distances = rnc.collision.CollisionDistances(reduced.robot, [shelf], rules)
     goal = {rnc.FrameOrientation("panda_hand"): [2.6, 0.4, 0.3], rnc.FramePosition("panda_hand"): [0.4, 0.1, 0.5]}
