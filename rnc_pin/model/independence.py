@@ -251,7 +251,7 @@ def _dropped(row: int, kept: Sequence[int], matrices: np.ndarray, names: Sequenc
 _ACTS = 1e-9  # relative entry of a row beyond rounding: a user's loop in world axes is closed to 1e-11 m
 
 
-def check_conserved(
+def check_momenta(
     blocks: Collection[Rows], actuation: Actuation, forces: PassiveForces, robot: Robot, samples: np.ndarray
 ) -> None:
     """Raise an error if an actuator or a passive force acts on a momentum that is declared as conserved.

@@ -138,7 +138,7 @@ class NonholonomicSystem(SummaryMixin):
             raise ConstraintError(
                 f"{self.m} independent constraint rows leave no motion of {self.n} degrees of freedom{hint}{still}"
             )
-        independence.check_conserved(blocks, self.actuation, self.forces, robot, self._samples)
+        independence.check_momenta(blocks, self.actuation, self.forces, robot, self._samples)
         for doubt in _doubts(robot, blocks, samples[:, self.kept], found):
             warn(f"robot '{robot.name}': {doubt}")
 
