@@ -238,3 +238,14 @@ class Turning(Rows):
 
     def rate(self, at):
         return self._zeros(at) if self._mu is None else self._mu(at.q)
+
+
+def high_cart():
+    """A cart of two axles, one metre apart, with its mass one metre above the ground."""
+    model = pin.Model()
+    base = add_body(model, "root_joint", "Planar", 10.0, com=(0.0, 0.0, 1.0), moments=0.5)
+    for name, x in (("base", 0.0), ("front", 0.5), ("rear", -0.5)):
+        add_frame(model, name, base, (x, 0.0, 0.0))
+    edges = [rnc.NoSideSlip("front"), rnc.NoSideSlip("rear")]
+    system = rnc.NonholonomicSystem(rnc.Robot(model), edges, [rnc.FrameForce("base", "x")])
+    return system.reduce([rnc.FrameSpeed("base")])

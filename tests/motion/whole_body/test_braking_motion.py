@@ -1,5 +1,7 @@
 """Braking motions that are verified before a sample: limits hold where the program alone would let them give way."""
 
+from dataclasses import dataclass
+
 import coal
 import numpy as np
 import pinocchio as pin
@@ -11,9 +13,11 @@ from places import ROOT
 from rnc_pin.collision import Obstacle
 from rnc_pin.control import InverseDynamicsQP, limits, tasks
 from rnc_pin.motion.planning import Hold, MinimumJerk
+from rnc_pin.motion.whole_body import braking_motion
 from rnc_pin.motion.whole_body.braking_motion import Braking
-from rnc_pin.motion.whole_body.limits.control_limit import HeldMotion
+from rnc_pin.motion.whole_body.limits.control_limit import BoundLimit, ControlLimit, HeldMotion, LimitRows
 from rnc_pin.simulation import replay_limits
+from textbook_systems import high_cart
 
 CLEARANCE = 0.05
 
@@ -180,6 +184,31 @@ def test_a_joint_near_its_limit_stays_there_while_another_one_stops(monkeypatch)
     assert np.abs(np.subtract(places, 1.5)).max() < 1e-3
     assert np.abs(plant.read()[1]).max() < 1e-4
     assert motions[0].work < 80  # in Runge-Kutta steps: two decisions
+
+
+@dataclass(frozen=True)
+class OwnSpeed(ControlLimit):
+    """A user's limit of the forward speed by rows alone."""
+
+    least: float
+
+    def bind(self, reduced):
+        return type("Bound", (BoundLimit,), {"names": ("own speed",), "rows": lambda _, sample: self.rows(sample)})()
+
+    def rows(self, sample):
+        return LimitRows(np.eye(1, 3), np.array([self.least]), np.array([3.0]))
+
+
+def test_braking_keeps_the_ground_and_a_users_limit(monkeypatch):
+    """More than 4.9 m/s^2 lift the rear of the cart: the law leaves a part of them unused."""
+    reduced = high_cart()
+    q, rest = reduced.robot.configuration(), [tasks.DampingTask()]
+    programs = [InverseDynamicsQP(reduced, rest, [OwnSpeed(least)], dt=0.02) for least in (-1.0, 1.0)]
+    assert programs[0].braking_problem(0.0, q, np.array([2.5])) is None
+    assert "own speed gives way" in programs[0].braking_problem(0.0, q, np.array([3.5]))
+    assert "does not come to rest" in programs[1].braking_problem(0.0, q, np.array([2.5]))
+    monkeypatch.setattr(braking_motion, "_GROUND", -1.0)
+    assert "rear normal force gives way" in programs[0].braking_problem(0.0, q, np.array([2.5]))
 
 
 def test_a_plant_that_is_not_the_model_stops_too():

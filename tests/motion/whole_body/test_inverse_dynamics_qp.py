@@ -6,14 +6,14 @@ import pytest
 
 import rnc_pin as rnc
 import systems
-from bodies import add_body, add_frame
+from bodies import add_body
 from rnc_pin import _kernel
 from rnc_pin.control import ControlSample, InverseDynamicsQP, limits, tasks
 from rnc_pin.motion.planning import Hold, MinimumJerk
 from rnc_pin.motion.whole_body import task_hierarchy
 from rnc_pin.motion.whole_body.limit_stack import ContactCones, LimitStack
 from rnc_pin.verdict import Severity
-from textbook_systems import wheeled_pendulum
+from textbook_systems import high_cart, wheeled_pendulum
 from urdf_parts import joint, link, read
 
 DT, GAIN, RATE = 0.004, 3.0, 2.0
@@ -128,17 +128,6 @@ def test_friction_stays_in_its_cone():
         used[given] = grip.used(run.q[:-1], run.v2[:-1], run.T[:-1]).max()
     assert used[0.3] > 1.5
     assert 0.99 < used[friction] <= 1 + 1e-6
-
-
-def high_cart():
-    """A cart of two axles, one metre apart, with its mass one metre above the ground."""
-    model = pin.Model()
-    base = add_body(model, "root_joint", "Planar", 10.0, com=(0.0, 0.0, 1.0), moments=0.5)
-    for name, x in (("base", 0.0), ("front", 0.5), ("rear", -0.5)):
-        add_frame(model, name, base, (x, 0.0, 0.0))
-    edges = [rnc.NoSideSlip("front"), rnc.NoSideSlip("rear")]
-    system = rnc.NonholonomicSystem(rnc.Robot(model), edges, [rnc.FrameForce("base", "x")])
-    return system.reduce([rnc.FrameSpeed("base")])
 
 
 def test_the_ground_pushes_only():
