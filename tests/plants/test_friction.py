@@ -179,6 +179,8 @@ def test_forces_of_least_energy_are_those_of_a_bounded_least_squares_program(gen
         assert np.abs(basis @ (forces - expected)).max() < 1e-9
         assert (np.abs(forces) <= limits * (1.0 + 1e-12)).all()
         assert not (sticks & (np.abs(forces) > limits * (1.0 + 1e-12))).any()
+    still, sticking = _least_energy(np.zeros((1, 2)), np.array([1.0, -2.0]), np.array([3.0, 4.0]))  # driven joints
+    assert (still.tolist(), sticking.any()) == ([-3.0, 4.0], False)
 
 
 @pytest.mark.parametrize("effects", [(0.0, 0.3), (3.0, 0.0), (2e3, 0.3)])
