@@ -152,11 +152,8 @@ class Actuation:
                 offset, word = (0, "force") if isinstance(actuator, FrameForce) else (3, "torque")
                 row = offset + axis_index(actuator.axis)
                 self.frames.append((column, robot.frame_id(actuator.frame), row))
-                name, unit, limit = (
-                    f"{word}({actuator.frame}.{actuator.axis})",
-                    "N m" if offset else "N",
-                    actuator.limit,
-                )
+                name, unit = f"{word}({actuator.frame}.{actuator.axis})", "N m" if offset else "N"
+                limit = actuator.limit
             elif isinstance(actuator, OpenDifferential):
                 if isinstance(actuator.joints, str) or len(set(actuator.joints)) < 2:
                     raise ConstraintError(f"a differential needs two joints or more, found {actuator.joints!r}")

@@ -183,10 +183,8 @@ class Harmonic(ReferenceSummary):
             amplitude, frequency, phase = (np.array(np.broadcast_to(each, self._center.shape)) for each in given)
         except ValueError:
             raise InputError(f"amplitude, frequency and phase have to be numbers or lists of {self.size}") from None
-        rate, orders = (
-            2 * np.pi * frequency,
-            np.arange(4.0)[:, None],
-        )  # each derivative multiplies by the rate and is a quarter turn ahead
+        rate = 2 * np.pi * frequency
+        orders = np.arange(4.0)[:, None]  # each derivative multiplies by the rate and is a quarter turn ahead
         self._phases, self._amplitudes = phase + 0.5 * np.pi * orders, amplitude * rate**orders
         self._rates = np.tile(rate, (4, 1))  # of the shape of the others: NumPy takes long to repeat rows
         # The step of degree seven from 0 to 1 has three derivatives that vanish at both ends.
