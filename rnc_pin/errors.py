@@ -262,8 +262,9 @@ class SingularityError(SimulationError):
     Attributes:
         what: the failed operation, in words.
         q: the configuration, (nq,).
-        condition: 2-norm condition number of ``E`` with rows scaled by their typical length. In the other cases the one
-            of the controller's matrix, or one over the length that vanishes.
+        condition: 2-norm condition number of ``E`` with rows scaled by their typical length; what decides is the
+            dependence of its rows (``singularity_limit``). In the other cases the one of the controller's matrix, or
+            one over the length that vanishes.
         rows: names of the rows that are (nearly) linearly dependent, or undefined.
         time: time of the run [s], or None outside a run.
 

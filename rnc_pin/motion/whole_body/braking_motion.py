@@ -418,8 +418,8 @@ class Braking:
     @staticmethod
     def _judged(excess: Array, doubts: Array, allowed: Array) -> tuple[Array, Array]:
         """Masks of the steps (K,) that certainly keep all limits, and of those at which one certainly gives way."""
-        kept = (excess <= allowed - doubts[:, None]).all(axis=1) & (doubts <= _DOUBT)
-        return kept, (excess > allowed + doubts[:, None]).any(axis=1)
+        inside = (excess <= allowed - doubts[:, None]).all(axis=1) & (doubts <= _DOUBT)
+        return inside, (excess > allowed + doubts[:, None]).any(axis=1)
 
     def exceeded(
         self, state: StateEvaluation, t: float, rows: LimitRows | None = None, mean: Array | None = None
@@ -554,14 +554,14 @@ class Braking:
         own[:] = limits.along(motion)
         ways = np.concatenate([[0.0], np.abs(motion.v2[:-1]).max(axis=1) * h]).cumsum()
         while last < count and (not last or (found[last - 1] <= allowed).all()):
-            before, first, reach = state, last, np.searchsorted(ways, ways[last] + limits.spacing, side="right")
+            previous, first, reach = state, last, np.searchsorted(ways, ways[last] + limits.spacing, side="right")
             last, checks = int(np.clip(reach - 1, last + 1, count)), checks + 1
             now, then = t + first * h, t + last * h
             state = known_state(self._reduced, motion.q[last], motion.v2[last], then)
             if limits.spacing < np.inf:
                 rows = None
                 if limits.ends_judged_by_rows:
-                    sample = ControlSample(self._reduced, now, before.q, before.v2, then - now, before)
+                    sample = ControlSample(self._reduced, now, previous.q, previous.v2, then - now, previous)
                     rows = limits.rows(sample, braking=True)
                 np.maximum(own[last - 1], limits.exceeded(state, then, rows, at_ends=True), out=own[last - 1])
         return state, found, checks
