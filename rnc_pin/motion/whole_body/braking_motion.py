@@ -44,7 +44,8 @@ _EASED = 0.125  # of the way back to the program in each verified sample
 _SAME = 1e-6  # [rad, m, and per second] difference to the predicted state at which a kept motion is followed
 _BEYOND = 1e-3  # [rad/s, m/s] motion that limits ask for, in which the program goes on without a verified motion
 _CHANGED = 1e-2, 5e-2, 0.1  # change of configuration, velocity and time [s] after which verification is tried again
-_SOLVED, _INFINITE = 1, 1e30  # of the solver
+# Of the solver, which needs up to 100 iterations. Where it cycles, its own limit of 10,000 takes 8 ms.
+_SOLVED, _INFINITE, _ITERATIONS = 1, 1e30, 500
 _STEP = 0.01  # [s] Runge-Kutta step in shorter samples: motions err by 2e-7
 _COARSE, _DOUBT = 4, 1e-4  # steps in one that is tried first, and the largest error that they may cause
 _DRIFT = 0.03  # part of the speed by which a motion may differ from the one that is wanted
@@ -503,9 +504,9 @@ class Braking:
             lower = np.concatenate([-box, np.full(len(above), -_INFINITE), (motion.lower + room) / h - passive])
             upper = np.concatenate([box, above, (motion.upper - room) / h - passive])
             for count in (len(rows), len(ground)):  # limits that no inputs keep are named where they are checked
-                stop = size + count
-                kinds = np.zeros(stop, dtype=np.int32)
-                x, _, status, _ = daqp.solve(hessian, gradient, rows[:count], upper[:stop], lower[:stop], kinds)
+                kinds = np.zeros(size + count, dtype=np.int32)
+                given = rows[:count], upper[: len(kinds)], lower[: len(kinds)], kinds
+                x, _, status, _ = daqp.solve(hessian, gradient, *given, iter_limit=_ITERATIONS)
                 if status == _SOLVED:
                     return clipped((scales * x)[:p], self._efforts)
             raise DivergenceError("no efforts brake within the conditions of the ground")
