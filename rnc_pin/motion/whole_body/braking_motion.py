@@ -344,9 +344,9 @@ class Braking:
             samples = min(samples, _CHECKED * longest)
             if samples >= _FEW:  # whole samples in each step: all states on the way are ends of samples
                 samples -= min(samples % longest, samples % -(-samples // longest))
-            motion, errors = self._samples(state, T[None], samples, coarse)
-            end, excess, checks = self._exceeded_along(motion, state, t, allowed)
-            doubts, count = precision.doubt + errors, len(excess)
+            trace, errors = self._samples(state, T[None], samples, coarse)
+            doubts, count = precision.doubt + errors, len(errors)
+            end, excess, checks = self._exceeded_along(trace, count, samples * self._dt / count, state, t, allowed)
             work += _CHECK * checks + count
             inside, beyond = self._judged(excess, doubts, allowed)
             if inside.all():
@@ -357,7 +357,7 @@ class Braking:
                 known -= 1
             if known:
                 samples = known * samples // count
-                end = known_state(self._reduced, motion.q[known], motion.v2[known], t + samples * self._dt)
+                end = known_state(self._reduced, trace[0][known], trace[1][known], t + samples * self._dt)
                 precision = _Precision(coarse, doubts[known - 1], work)
                 return _Part(end, np.tile(T, (samples, 1)), decided, None, precision)
             if not beyond[good] and coarse > 1:
@@ -382,20 +382,20 @@ class Braking:
         decided, found, apart = list[_Decided](), None, np.zeros(1, dtype=bool)
         while done < count and found is None and not apart[-1]:
             some = T[done : done + _SHORT]
-            motion, errors = self._samples(state, some, length, coarse)
-            steps = len(errors) // len(some)
-            apart = np.abs(motion.v2[steps::steps] - wanted[done : done + _SHORT]).max(axis=1) > _DRIFT * speed
+            trace, errors = self._samples(state, some, length, coarse)
+            (q, v2, *_), steps = trace, len(errors) // len(some)
+            apart = np.abs(v2[steps::steps] - wanted[done : done + _SHORT]).max(axis=1) > _DRIFT * speed
             if apart.any():
                 apart = apart[: apart.argmax() + 1]
             size = len(apart)
-            motion, doubts = motion.until(size * steps), doubt + errors[: size * steps]
-            state, excess, checks = self._exceeded_along(motion, state, t, allowed)
+            used, doubts = size * steps, doubt + errors[: size * steps]
+            state, excess, checks = self._exceeded_along(trace, used, length * self._dt / steps, state, t, allowed)
             work += _CHECK * checks + len(errors)
             inside, beyond = self._judged(excess, doubts, allowed)
             if not inside.all():
                 found = self._broken(excess.max(axis=0), allowed) if beyond.any() else _DOUBTFUL
             each = -(-size // _CHECKED)  # as few states as that: the ground's conditions take longer
-            decided += map(_Decided, motion.q[: -1 : each * steps], motion.v2[: -1 : each * steps], some[:size:each])
+            decided += map(_Decided, q[: used : each * steps], v2[: used : each * steps], some[:size:each])
             doubt, done, t = doubts[-1], done + size, t + size * length * self._dt
         # Blocks that lead elsewhere at once are too long.
         coarse = precision.coarse if done > 1 else max(coarse // 2, 1)
@@ -513,8 +513,8 @@ class Braking:
 
         return after
 
-    def _samples(self, start: StateEvaluation, T: Array, length: int, coarse: int) -> tuple[HeldMotion, Array]:
-        """Steps of samples, and the error (K,) that each of them may have.
+    def _samples(self, start: StateEvaluation, T: Array, length: int, coarse: int) -> tuple[tuple[Array, ...], Array]:
+        """Trace of K equal steps as of ``ReducedMotion.trace``, and the error (K,) that each of them may have.
 
         The error of coarse steps is the difference to Simpson's rule: over two steps, both err by the fifth order.
 
@@ -528,10 +528,11 @@ class Braking:
         steps = max(-(-finest // coarse), min(finest, 2))  # Simpson's rule takes two
         count, evaluator = len(T) * steps, self._reduced.evaluator
         h, errors = len(T) * length * self._dt / count, np.zeros((len(T), steps, self._reduced.r))
-        q, v2, v, rates, way = self._motion.trace(evaluator, start.q, start.v2, np.repeat(T, steps, axis=0), h, count)
-        # Rates jump with the inputs: each end of inputs has its own.
-        ends = known_state(self._reduced, q[steps::steps].copy(), v2[steps::steps].copy())
+        trace = self._motion.trace(evaluator, start.q, start.v2, np.repeat(T, steps, axis=0), h, count)
         if steps < finest:
+            q, v2, _, rates, _ = trace
+            # Rates jump with the inputs: each end of inputs has its own.
+            ends = known_state(self._reduced, q[steps::steps].copy(), v2[steps::steps].copy())
             u, a = (
                 np.concatenate([each.reshape(len(T), steps, -1), stop[:, None]], axis=1)
                 for each, stop in zip((v2[:-1], rates), (ends.v2, ends.v2_dot(T)), strict=True)
@@ -540,16 +541,18 @@ class Braking:
             errors[:, 1:] = np.abs(missed)
         doubts = errors.reshape(count, -1).cumsum(axis=0).max(axis=1).reshape(len(T), steps)
         doubts[:, 0] = doubts[:, min(steps, 2) - 1]  # Simpson's rule concerns both
-        return HeldMotion(q, np.vstack([v, ends.v[-1:]]), v2, way / h, h), doubts.ravel()
+        return trace, doubts.ravel()
 
     def _exceeded_along(
-        self, motion: HeldMotion, start: StateEvaluation, t: float, allowed: Array
+        self, trace: tuple[Array, ...], count: int, h: float, start: StateEvaluation, t: float, allowed: Array
     ) -> tuple[StateEvaluation, Array, int]:
-        """End of a motion, the excess (K, k) of its steps, and the number of checks.
+        """State after the first steps of a trace, their excess (count, k), and the number of checks.
 
         Limits that do not know each step are checked at the end and after each ``spacing``, until one gives way.
         """
-        limits, h, count = self._limits, motion.h, len(motion.mean)
+        limits, stop, (q, v2, v, _, way) = self._limits, count + 1, trace
+        end = known_state(self._reduced, q[count], v2[count], t + count * h)
+        motion = HeldMotion(q[:stop], np.vstack([v[:count], end.v]), v2[:stop], way[:count] / h, h)
         found = np.full((count, len(self._names)), -np.inf)
         own, state, checks, last = found[:, : len(limits.names)], start, 0, 0
         own[:] = limits.along(motion)
@@ -558,7 +561,7 @@ class Braking:
             previous, first, reach = state, last, np.searchsorted(ways, ways[last] + limits.spacing, side="right")
             last, checks = int(np.clip(reach - 1, last + 1, count)), checks + 1
             now, then = t + first * h, t + last * h
-            state = known_state(self._reduced, motion.q[last], motion.v2[last], then)
+            state = end if last == count else known_state(self._reduced, q[last], v2[last], then)
             if limits.spacing < np.inf:
                 rows = None
                 if limits.ends_judged_by_rows:

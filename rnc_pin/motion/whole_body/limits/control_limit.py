@@ -109,11 +109,6 @@ class HeldMotion(NamedTuple):
     h: float
     """Duration of a step [s]."""
 
-    def until(self, step: int) -> HeldMotion:
-        """Return the first steps."""
-        stop = step + 1
-        return HeldMotion(self.q[:stop], self.v[:stop], self.v2[:stop], self.mean[:step], self.h)
-
     def fastest(self, entries: Sequence[int]) -> Float[Array, "K e"]:
         """Largest magnitudes of velocities within each step, of the parabolas with these ends and this mean.
 
