@@ -29,16 +29,17 @@ from rnc_pin.motion.whole_body.whole_body_program import SampleCount
 _TOLERANCE = 2e-7  # [rad, m, and per second] excess over a limit that is an error of the integration
 _REST = 1e-4  # [rad/s, m/s] speed that counts as rest: its inputs remove it within a sample
 # Work is counted in Runge-Kutta steps, not in time, so that runs repeat.
-_DECISION, _CHECK = 8, 6  # work of a decision, and of a check beside its steps
-_MOST_WORK = 1800  # for the check of a state that a user asks for
-_BUDGET, _PACE = 120, 24e3  # work in a sample that may follow a kept motion instead: at least, and per second
-_AGAIN = 250  # work in a sample without one to follow, about 7 ms: limits that cannot hold are tried again and again
+_DECISION, _CHECK = 20, 10  # work of a decision, and of a check beside its steps
+_MOST_WORK = 5400  # for the check of a state that a user asks for
+_BUDGET, _PACE = 200, 40e3  # work in a sample that may follow a kept motion instead: at least, and per second
+_AGAIN = 280  # work in a sample without one to follow, about 5 ms: limits that cannot hold are tried again and again
 _SMALL = 0.1  # speed of a joint that does not count, relative to the largest
 _PART = 0.75  # of the time in which joints stop: inputs are held that long
 _RESERVE = 1.1  # of the time in which efforts stop all joints
 _LEAST = 1e-14  # effect of an input on the energy, relative to the sum of all
 _FREE_COST = 1e-9  # of inputs that do not change the energy, relative to the others
 _UNUSED, _GROUND = 0.1, 0.3  # parts of limits by rows, and of conditions of the ground, that the law leaves unused
+_MORE = 4  # times the samples that a part took, for the next one: more are mostly too many again
 _FEW = 8  # samples under the same inputs: fewer need not end with a whole step
 _EASED = 0.125  # of the way back to the program in each verified sample
 _SAME = 1e-6  # [rad, m, and per second] difference to the predicted state at which a kept motion is followed
@@ -108,15 +109,17 @@ class _Decided(NamedTuple):
     T: Array
 
 
-class _Precision(NamedTuple):
-    """Precision of the steps of a motion."""
+class _Progress(NamedTuple):
+    """Progress of a motion: what its next part begins with."""
 
+    left: int
+    """Work that is left."""
     coarse: int
     """Length of steps, relative to the finest ones."""
     doubt: float = 0.0
-    """Error of velocities that they may have caused so far."""
-    work: int = 0
-    """Work on the motion so far."""
+    """Error of velocities that coarse steps may have caused so far."""
+    reach: float = np.inf
+    """Samples under the same inputs that are tried at first."""
 
 
 class _Part(NamedTuple):
@@ -128,7 +131,7 @@ class _Part(NamedTuple):
     decided: list[_Decided]
     problem: str | None
     """Limit that gives way."""
-    precision: _Precision
+    progress: _Progress
 
 
 class Braking:
@@ -274,16 +277,19 @@ class Braking:
             together: way that is tried first, that of the last motion: see ``BrakingMotion``.
             budget: largest work.
         """
-        work, most = 0, min(budget, _MOST_WORK // 2)
+        work, most, named = 0, min(budget, _MOST_WORK // 2), None
         for way in (together, not together):
             for coarse in (self._coarse, 1):  # the finest steps only where coarse ones cannot tell
                 found = self._rolled_out(start, t, before, ground, way, coarse, min(budget - work, most))
                 work += found.work
                 if found.problem != _DOUBTFUL:
                     break
+            if found.problem not in (_LONG, _DOUBTFUL):
+                named = found.problem
             if work >= budget or found.problem in (None, self._late):
                 break
-        return found._replace(work=work)
+        # A limit that one way names tells more than the lack of time for the other.
+        return found._replace(problem=named or found.problem, work=work)
 
     def _rolled_out(
         self,
@@ -306,9 +312,9 @@ class Braking:
         speed, first = np.abs(start.v2), together
         slow = np.where(speed > _SMALL * speed.max(initial=0.0), _SMALL * speed, 0.0)
         state, allowed, most = start, np.maximum(before, _TOLERANCE), round(self._longest / self._dt) + 1
-        precision = _Precision(coarse)
+        progress = _Progress(budget, coarse)
         try:
-            while precision.work < budget:
+            while progress.left > 0:
                 T, held, stops = self._law(state, t, ground, together)
                 if not held:
                     inputs.append(T)
@@ -316,9 +322,9 @@ class Braking:
                     break
                 if len(inputs) + held > most:
                     break
-                on = state, t, allowed, precision
+                on = state, t, allowed, progress
                 part = self._together(held, *on) if stops else self._under(T, held, *on)
-                inputs, decided, precision = inputs + list(part.inputs), decided + part.decided, part.precision
+                inputs, decided, progress = inputs + list(part.inputs), decided + part.decided, part.progress
                 if part.problem is not None:
                     problem = part.problem
                     break
@@ -328,29 +334,35 @@ class Braking:
                 problem = _LONG
         except (SingularityError, DivergenceError, ConstraintError) as error:
             problem = str(error)
-        return BrakingMotion(start.q, start.v2, np.array(inputs), problem, first, precision.work)
+        return BrakingMotion(start.q, start.v2, np.array(inputs), problem, first, budget - progress.left)
 
     def _under(
-        self, T: Array, held: int, state: StateEvaluation, t: float, allowed: Array, precision: _Precision
+        self, T: Array, held: int, state: StateEvaluation, t: float, allowed: Array, progress: _Progress
     ) -> _Part:
         """Part under the same inputs, at most over some samples.
 
         Half of the way to a limit that gives way is left: constant inputs suit a part of the way.
         """
-        coarse, work, samples = precision.coarse, precision.work + _DECISION, min(held, self._between_checks(state))
-        decided = [_Decided(state.q, state.v2, T)]
+        wanted, decided = min(held, self._between_checks(state)), [_Decided(state.q, state.v2, T)]
+        samples, coarse, left = int(min(wanted, progress.reach)), progress.coarse, progress.left - _DECISION
+
+        def part(end: StateEvaluation, doubt: float, problem: str | None = None) -> _Part:
+            # Where a part ended early, so may the next one.
+            reach = np.inf if samples == wanted else _MORE * samples
+            return _Part(end, np.tile(T, (samples, 1)), decided, problem, _Progress(left, coarse, doubt, reach))
+
         while True:
             longest = coarse * self._fine  # samples of a step
             samples = min(samples, _CHECKED * longest)
             if samples >= _FEW:  # whole samples in each step: all states on the way are ends of samples
                 samples -= min(samples % longest, samples % -(-samples // longest))
             trace, errors = self._samples(state, T[None], samples, coarse)
-            doubts, count = precision.doubt + errors, len(errors)
+            doubts, count = progress.doubt + errors, len(errors)
             end, excess, checks = self._exceeded_along(trace, count, samples * self._dt / count, state, t, allowed)
-            work += _CHECK * checks + count
+            left -= _CHECK * checks + count
             inside, beyond = self._judged(excess, doubts, allowed)
             if inside.all():
-                return _Part(end, np.tile(T, (samples, 1)), decided, None, _Precision(coarse, doubts[-1], work))
+                return part(end, doubts[-1])
             good = int(inside.argmin())
             known = (good // 2 if beyond[good] else good) if self._limits.spacing == np.inf else 0
             while known * samples % count:
@@ -358,29 +370,27 @@ class Braking:
             if known:
                 samples = known * samples // count
                 end = known_state(self._reduced, trace[0][known], trace[1][known], t + samples * self._dt)
-                precision = _Precision(coarse, doubts[known - 1], work)
-                return _Part(end, np.tile(T, (samples, 1)), decided, None, precision)
+                return part(end, doubts[known - 1])
             if not beyond[good] and coarse > 1:
                 coarse //= 2  # these steps cannot tell
             elif samples > 1:
-                samples //= 2
+                samples = max((good + 1) * samples // (2 * count), 1)
             else:
-                found = self._broken(excess.max(axis=0), allowed) or _DOUBTFUL
-                return _Part(end, T[None], decided, found, _Precision(coarse, doubts[-1], work))
+                return part(end, doubts[-1], self._broken(excess.max(axis=0), allowed) or _DOUBTFUL)
 
-    def _together(self, held: int, state: StateEvaluation, t: float, allowed: Array, precision: _Precision) -> _Part:
+    def _together(self, held: int, state: StateEvaluation, t: float, allowed: Array, progress: _Progress) -> _Part:
         """Part in which all joints come to rest together after some samples, or the begin of it.
 
         The inputs are those of a constant deceleration, each held over a step, or over two coarse ones. So a joint that
         rests at its limit stays there. Where the motion leaves this one, the next decision takes over.
         """
-        coarse = min(precision.coarse, -(-held // (_SHORT * self._fine)))
+        coarse = min(progress.coarse, -(-held // (_SHORT * self._fine)))
         length = min((2 * coarse if coarse > 1 else 1) * self._fine, held, self._between_checks(state))
         count, speed = -(-held // length), np.abs(state.v2).max()
         T, wanted = self._inputs_to_rest(state, count, count * length * self._dt)
-        doubt, work, done = precision.doubt, precision.work + _DECISION, 0
+        doubt, left, done = progress.doubt, progress.left - _DECISION, 0
         decided, found, apart = list[_Decided](), None, np.zeros(1, dtype=bool)
-        while done < count and found is None and not apart[-1]:
+        while done < count and found is None and not apart[-1] and left > 0:
             some = T[done : done + _SHORT]
             trace, errors = self._samples(state, some, length, coarse)
             (q, v2, *_), steps = trace, len(errors) // len(some)
@@ -390,7 +400,7 @@ class Braking:
             size = len(apart)
             used, doubts = size * steps, doubt + errors[: size * steps]
             state, excess, checks = self._exceeded_along(trace, used, length * self._dt / steps, state, t, allowed)
-            work += _CHECK * checks + len(errors)
+            left -= _CHECK * checks + len(errors)
             inside, beyond = self._judged(excess, doubts, allowed)
             if not inside.all():
                 found = self._broken(excess.max(axis=0), allowed) if beyond.any() else _DOUBTFUL
@@ -398,8 +408,8 @@ class Braking:
             decided += map(_Decided, q[: used : each * steps], v2[: used : each * steps], some[:size:each])
             doubt, done, t = doubts[-1], done + size, t + size * length * self._dt
         # Blocks that lead elsewhere at once are too long.
-        coarse = precision.coarse if done > 1 else max(coarse // 2, 1)
-        return _Part(state, np.repeat(T[:done], length, axis=0), decided, found, _Precision(coarse, doubt, work))
+        coarse = progress.coarse if done > 1 else max(coarse // 2, 1)
+        return _Part(state, np.repeat(T[:done], length, axis=0), decided, found, _Progress(left, coarse, doubt))
 
     def _inputs_to_rest(self, state: StateEvaluation, count: int, whole: float) -> tuple[Array, Array]:
         """Inputs (count, p) of a constant deceleration to rest in equal parts of a time, v2 (count, r) after each."""
@@ -422,12 +432,10 @@ class Braking:
         inside = (excess <= allowed - doubts[:, None]).all(axis=1) & (doubts <= _DOUBT)
         return inside, (excess > allowed + doubts[:, None]).any(axis=1)
 
-    def exceeded(
-        self, state: StateEvaluation, t: float, rows: LimitRows | None = None, mean: Array | None = None
-    ) -> Float[Array, " k"]:
-        """Amount by which a state exceeds each limit of motion; arguments as of ``LimitStack.exceeded``."""
+    def exceeded(self, state: StateEvaluation, t: float) -> Float[Array, " k"]:
+        """Amount by which a state exceeds each limit of motion."""
         found = np.zeros(len(self._names))
-        found[: len(self._limits.names)] = self._limits.exceeded(state, t, rows, mean)
+        found[: len(self._limits.names)] = self._limits.exceeded(state, t)
         return found
 
     def _law(
