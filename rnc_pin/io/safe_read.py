@@ -9,14 +9,16 @@ from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
 from io import BufferedReader
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 from xml.etree.ElementTree import Element, ParseError, TreeBuilder
 from xml.parsers import expat
 
 import yaml
 
 from rnc_pin.errors import ModelError
-from rnc_pin.io.json import Json
+
+if TYPE_CHECKING:
+    from rnc_pin.io.json import Json
 
 LARGEST = 64 * 2**20
 """Size limit of text and XML files [bytes]."""

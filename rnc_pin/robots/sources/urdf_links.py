@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from copy import deepcopy
 from pathlib import Path
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 import coal
@@ -19,8 +20,9 @@ import pinocchio as pin
 from rnc_pin.errors import ModelError, few, nearest, warn
 from rnc_pin.robots import robot_files
 from rnc_pin.robots.sources import description
-from rnc_pin.robots.sources.mesh_formats import LoadedMesh, MeshShapes, put_in, read_mesh
-from rnc_pin.robots.sources.mesh_readers import MeshError
+
+if TYPE_CHECKING:  # robots that nobody draws start without it
+    from rnc_pin.robots.sources.mesh_formats import LoadedMesh, MeshShapes
 
 STAND_IN = "_stand_in"
 """Suffix of the names of boxes that replace meshes; Pinocchio's own names of shapes end in a number."""
@@ -64,6 +66,8 @@ class Meshes:
         Raises:
             ModelError: a shape other than a mesh cannot be built.
         """
+        from rnc_pin.robots.sources.mesh_formats import MeshShapes, put_in
+
         # The other kind of geometry needs the elements that are removed here.
         root = deepcopy(self._root)
         missing, faults = set[str](), dict[str, str]()
@@ -115,7 +119,7 @@ class Meshes:
             return None
         try:
             return shapes.load(Path(name), mesh.get("scale"))
-        except MeshError as error:
+        except ValueError as error:  # a MeshError
             faults[name] = str(error)
         return None
 
@@ -359,9 +363,11 @@ def _bounds(geometry: ElementTree.Element) -> tuple[np.ndarray, np.ndarray] | No
 def _vertices(file: str) -> np.ndarray | None:
     if not Path(file).is_absolute():  # a relative path means that the file was not found
         return None
+    from rnc_pin.robots.sources.mesh_formats import read_mesh
+
     try:
         return read_mesh(Path(file)).vertices
-    except MeshError:
+    except ValueError:  # a MeshError
         return None
 
 
