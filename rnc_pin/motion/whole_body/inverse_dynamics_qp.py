@@ -414,7 +414,8 @@ class InverseDynamicsQP(WholeBodyProgram):
         if not far:
             T, v2 = program.efforts(best.unknowns), program.velocity(best.unknowns)
         T = clipped(T, self._reduced.actuation.limits)  # the solver's rounding is no effort
-        shifts = None if best.excess.any() else shifts  # limits that exclude each other may come and go
+        # Limits that exclude each other may come and go.
+        shifts = None if shifts is None or best.excess.any() else shifts
         return InputSolution(T, v2, best.multipliers, best.excess, best_end, best.unsolved, shifts)
 
     def _end(self, state: StateEvaluation, T: Array, steps: int = 0) -> tuple[StateEvaluation, int]:
