@@ -147,9 +147,6 @@ class OutputFolder:
         try:
             with one_line_errors(f"--out {self.path}"):
                 self._created = not self.path.exists()
-                if not self._created and not self.path.is_dir():
-                    raise ConfigurationError(f"--out {self.path}: is a file, expected a folder")
-                self.path.mkdir(parents=True, exist_ok=True)
                 # Locked before its content is read: another run may be writing.
                 self._lock = lock_folder(self.path)
                 earlier = self._admit(names)
@@ -275,8 +272,14 @@ def lock_folder(folder: Path) -> int:
     """Open and lock a folder until it is closed. The operating system releases the lock when the process ends.
 
     Args:
-        folder: the folder.
+        folder: the folder, created with its parents.
+
+    Raises:
+        ConfigurationError: the path is a file, or another process has locked the folder.
     """
+    if folder.exists() and not folder.is_dir():
+        raise ConfigurationError(f"--out {folder}: is a file, expected a folder")
+    folder.mkdir(parents=True, exist_ok=True)
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -221,9 +221,6 @@ def sweep_folder(path: Path, specification: Specification, force: bool) -> Itera
             be written.
     """
     with one_line_errors(f"--out {path}"), ExitStack() as stack:
-        if path.exists() and not path.is_dir():
-            raise ConfigurationError(f"--out {path}: is a file, expected a folder")
-        path.mkdir(parents=True, exist_ok=True)
         # Before anything is read: another process could write between a look and the lock.
         stack.callback(os.close, lock_folder(path))
         earlier = None if force else read_specification(path)
