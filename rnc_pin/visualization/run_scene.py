@@ -7,12 +7,12 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import cycle
-from typing import TypedDict
 
 import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import SingularityError
+from rnc_pin.io.json import Json
 from rnc_pin.model.rows import RowStack
 from rnc_pin.simulation import RunInfo, Trajectory
 from rnc_pin.visualization import elements as e
@@ -41,16 +41,6 @@ class ShownRun:
     goals: Sequence[str]
     trajectory: Trajectory | None = None
     comparisons: Mapping[str, Trajectory] = field(default_factory=dict)
-
-
-class LegendLine(TypedDict):
-    """Layer in the legend, as ``page.js`` reads it."""
-
-    label: str
-    path: str
-    color: str
-    sign: str
-    visible: bool
 
 
 class RunScene:
@@ -96,7 +86,7 @@ class RunScene:
             element.build(scene)
         for entry in self.legend():
             if not entry["visible"]:
-                scene.hide(entry["path"])
+                scene.hide(str(entry["path"]))
 
     def update(self, state: DrawnState) -> None:
         """Draw a state.
@@ -110,8 +100,8 @@ class RunScene:
         for element in self.elements:
             element.update(self.scene, state)
 
-    def legend(self) -> list[LegendLine]:
-        """Entries of the legend, one per layer."""
+    def legend(self) -> list[dict[str, Json]]:
+        """Entries of the legend, one per layer, as ``page.js`` reads them."""
         entries = {element.entry.layer: element.entry for element in self.elements}
         return [
             {
