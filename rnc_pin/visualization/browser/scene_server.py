@@ -127,6 +127,10 @@ class SceneServer:
         panel: panel of controls; None for a page that only shows. The address of a page with a panel ends in ``#`` and
             a secret, which its messages need.
 
+    Attributes:
+        url: address of the page.
+        watching: connected browsers.
+
     Raises:
         ConfigurationError: the port is in use, or the address is not an address of this computer.
     """
@@ -142,16 +146,11 @@ class SceneServer:
         self._panel, self._secret = panel, secrets.token_urlsafe(18)
         if panel is not None:
             self.url += f"#{self._secret}"
-        self._latest, self._watching = latest, set[_Browser]()
+        self._latest, self.watching = latest, set[_Browser]()
         self._started = threading.Event()
         self._thread = threading.Thread(target=self._run, args=(title, host, sockets), name="meshcat", daemon=True)
         self._thread.start()
         self._started.wait()
-
-    @property
-    def browsers(self) -> int:
-        """Number of connected browsers."""
-        return len(self._watching)
 
     def send(self, commands: list[tuple[Key, bytes]]) -> None:
         """Send commands to all browsers, without waiting.
@@ -184,7 +183,7 @@ class SceneServer:
                 (r"/static/", _StaticFile, {"kind": "text/html", "text": page.encode()}),
                 (r"/static/main.min.js", _StaticFile, {"kind": "text/javascript", "text": pages.VIEWER.read_bytes()}),
                 (r"/favicon.ico", _StaticFile, {"kind": "image/x-icon", "text": b""}),
-                (r"/", _Browser, {"latest": self._latest, "watching": self._watching}),
+                (r"/", _Browser, {"latest": self._latest, "watching": self.watching}),
                 *commands,
             ],
             default_handler_class=_NotFound,
@@ -198,18 +197,18 @@ class SceneServer:
         await self._stop.wait()
         # No new browsers while the last frame is on its way.
         server.stop()
-        sending = [browser.sending for browser in self._watching if browser.sending is not None]
+        sending = [browser.sending for browser in self.watching if browser.sending is not None]
         if sending:
             await asyncio.wait(sending, timeout=_CLOSING_TIME)
         # A copy: each disconnection takes its browser out of the set.
-        for browser in list(self._watching):
+        for browser in list(self.watching):
             browser.disconnect()
-        self._watching.clear()
+        self.watching.clear()
         await server.close_all_connections()
 
     def _send(self, commands: list[tuple[Key, bytes]]) -> None:
         apply_commands(self._latest, commands)
-        for browser in self._watching:
+        for browser in self.watching:
             browser.offer(commands)
 
 
@@ -404,7 +403,7 @@ class SceneWindow:
     @property
     def browsers(self) -> int:
         """Number of connected browsers."""
-        return 0 if self._server is None else self._server.browsers
+        return 0 if self._server is None else len(self._server.watching)
 
     def open(self) -> SceneWindow:
         """Show the page in the user's browser."""
