@@ -408,11 +408,7 @@ class RobotAtStart:
     @cached_property
     def frame(self) -> str:
         """Frame of the base: ``base_link`` if it exists, else the first link."""
-        frames = [
-            str(frame.name)
-            for frame in self.robot.model.frames
-            if frame.parentJoint == self.root and frame.type == pin.FrameType.BODY and frame.name != "universe"
-        ]
+        frames = [name for name in self.robot.links_of(self.root) if name != "universe"]
         # REP 105 names the frame of a base so; the first link is often a footprint on the ground.
         if "base_link" in frames:
             return "base_link"
