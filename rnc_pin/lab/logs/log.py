@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pinocchio as pin
@@ -104,18 +105,16 @@ class Log(SummaryMixin):
             ModelError: unknown joint or frame.
         """
         # Copies: the caller may change these arrays.
-        time, q, model = np.array(time, dtype=float), np.array(q, dtype=float), robot.model
+        time, q = np.array(time, dtype=float), np.array(q, dtype=float)
         v = None if v is None else np.array(v, dtype=float)
         channels = []
-        for name in robot.joint_names:
-            joint = model.joints[model.getJointId(name)]
-            if joint.nv == 1:
-                entries = q[:, joint.idx_q : joint.idx_q + joint.nq]
-                # Without jumps by a turn, as an encoder counts.
-                angle = entries if joint.nq == 1 else np.unwrap(np.arctan2(entries[:, 1], entries[:, 0]))[:, None]
-                channels.append(Channel("position", name, time, angle))
-                if v is not None:
-                    channels.append(Channel("velocity", name, time, v[:, joint.idx_v : joint.idx_v + 1]))
+        for name in robot.single_joint_names:
+            joint = robot.single_joint(name)
+            # Without jumps by a turn, as an encoder counts.
+            position = np.unwrap(joint.position(q)) if joint.continuous else joint.position(q)
+            channels.append(Channel("position", name, time, position[:, None]))
+            if v is not None:
+                channels.append(Channel("velocity", name, time, v[:, joint.idx_v, None]))
         for name, effort in (efforts or {}).items():
             robot.velocity_indices(name)  # an unknown joint is an error
             channels.append(Channel("effort", name, time, np.array(effort, dtype=float)[:, None]))
@@ -274,7 +273,7 @@ def _columns(mapping: LogMapping) -> Iterator[ColumnKeys]:
 
 def _given(keys: Strict) -> dict[str, ColumnKeys]:
     """Columns that a mapping gives, by key."""
-    return {name: column for name in type(keys).model_fields if (column := getattr(keys, name)) is not None}
+    return {name: column for name, column in keys if column is not None}
 
 
 def _channels(path: Path, mapping: LogMapping, time: Array, numbers: Mapping[Place, Array]) -> Iterator[Channel]:
@@ -294,12 +293,9 @@ def _channels(path: Path, mapping: LogMapping, time: Array, numbers: Mapping[Pla
         zero = np.zeros(len(time))
         return np.stack([value(given[name], f"{what}.{name}") if name in given else zero for name in names], axis=1)
 
-    quantity: Quantity
     for joint, columns in mapping.joints.items():
-        for quantity in ("position", "velocity", "effort"):
-            column = getattr(columns, quantity)
-            if column is not None:
-                yield Channel(quantity, joint, time, value(column, f"{joint}.{quantity}")[:, None])
+        for quantity, column in _given(columns).items():
+            yield Channel(cast(Quantity, quantity), joint, time, value(column, f"{joint}.{quantity}")[:, None])
     pose_keys, quaternion_keys = ("x", "y", "z", "roll", "pitch", "yaw"), ("qx", "qy", "qz", "qw")
     for frame, pose in mapping.frames.items():
         given = _given(pose)
