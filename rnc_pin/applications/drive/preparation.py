@@ -76,9 +76,7 @@ def read_source(source: str, options: Mapping[str, Json], wishes: DraftOptions |
     is_robot = source.lower().endswith(ROBOT_FILES) if is_file else source in robot_names()
     # Scenarios first: some have the name of their robot.
     if is_robot and source not in built_in_names():
-        raw = load_yaml(draft(source, Path(), wishes))
-        if not isinstance(raw, dict):
-            raise ConfigurationError(f"{source}: its draft is not a mapping")
+        raw = mapping_of(load_yaml(draft(source, Path(), wishes)))
         return Scenario(Path(source).name.split(".")[0], raw, Path().resolve()).with_options(options)
     if wishes and (wishes.xacro_arguments or wishes.package_dirs):
         raise ConfigurationError(f"{source}: --arg and --package-dir are for a robot; a scenario has keys of 'robot'")
