@@ -162,7 +162,7 @@ def test_what_fails_in_drawing_costs_the_drawing_alone(tmp_path, monkeypatch, ca
         printed.append((sorted(path.name for path in (tmp_path / "out").iterdir()), capfd.readouterr().out))
         raise ValueError("found a\nleft-handed frame")
 
-    monkeypatch.setattr(execution, "_overview", fail)
+    monkeypatch.setattr(rnc.simulation, "plot_run", fail)
     monkeypatch.setattr(rnc.visualization, "Recording", fail)
     status, out, err = called(monkeypatch, capfd, *RUN, tmp_path / "out")
     assert status == 0

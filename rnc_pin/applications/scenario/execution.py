@@ -8,10 +8,9 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
-from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -22,6 +21,9 @@ from rnc_pin.errors import RncError, few
 from rnc_pin.interruption import interruptible
 from rnc_pin.io import dump_json
 from rnc_pin.simulation import Compared, LimitReplay, Observer, Outcome, Sample, Summary, Trajectory
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _PLAN = "plan.npz"
 _REPORTS = 400  # progress reports of a run
@@ -259,41 +261,33 @@ def write_animation(scenario: Scenario, result: Result, path: Path) -> bool:
 
 def _write_plot(scenario: Scenario, result: Result, path: Path) -> bool:
     """Write the plot that the file name means; False if there is nothing to draw."""
-    parts = {"overview": slice(_MOST_PANELS), "overview_2": slice(_MOST_PANELS, None)}
-    own = {"top_view": _top_view, "limits": _limits} | {name: partial(_overview, part) for name, part in parts.items()}
-    if path.stem in own:
-        return own[path.stem](scenario, result, path)
-    common, settings = scenario.content.figures, scenario.content.plots[path.stem]
-    chosen = result.comparisons if settings.comparisons is None else settings.comparisons
-    shown = {label: result.comparisons[label] for label in chosen if label in result.comparisons}
-    size, title = settings.size or common.size, settings.title
-    result.trajectory.plot(settings.outputs, title=title, comparisons=shown, size=size, labels=common.labels, file=path)
-    return True
-
-
-def _overview(part: slice, scenario: Scenario, result: Result, path: Path) -> bool:
-    content = scenario.content
-    figure = simulation.plot_run(result.trajectory, None, content.title, {}, None, content.figures.labels, None, part)
-    if figure.axes:
-        figures.save(figure, path)
-    return bool(figure.axes)
-
-
-def _top_view(scenario: Scenario, result: Result, path: Path) -> bool:
-    if not simulation.ground_paths(result.trajectory):  # an arm on a table has no path over the ground
+    figure = _figure(scenario, result, path.stem)
+    if figure is None:
         return False
-    experiment, settings = scenario.experiment, scenario.content.figures
-    obstacles, title = experiment.obstacles, experiment.scenario.title
-    robot = experiment.reduced.robot if obstacles else None  # beside obstacles, the room that the robot needs counts
-    run, others, labels = result.trajectory, result.comparisons, figures.Labels(settings.labels)
-    figures.save(visualization.plot_top_view(run, title, others, obstacles, robot, settings.size, labels), path)
+    figures.save(figure, path)
     return True
 
 
-def _limits(scenario: Scenario, result: Result, path: Path) -> bool:
-    if result.limits is None or not (result.limits.uses or result.limits.clearances):
-        return False
-    title, settings = scenario.content.title, scenario.content.figures
-    labels = figures.Labels(settings.labels)
-    figures.save(visualization.plot_limits(result.limits, title, settings.size, labels), path)
-    return True
+def _figure(scenario: Scenario, result: Result, name: str) -> Figure | None:
+    """Draw the plot of a name; None if there is nothing to draw."""
+    content, run, others, limits = scenario.content, result.trajectory, result.comparisons, result.limits
+    title, size, texts = content.title, content.figures.size, content.figures.labels
+    labels = figures.Labels(texts)
+    if name in ("overview", "overview_2"):
+        part = slice(_MOST_PANELS) if name == "overview" else slice(_MOST_PANELS, None)
+        overview = simulation.plot_run(run, None, title, {}, None, texts, None, part)
+        return overview if overview.axes else None
+    if name == "limits":
+        if limits is None or not (limits.uses or limits.clearances):
+            return None
+        return visualization.plot_limits(limits, title, size, labels)
+    if name == "top_view":
+        if not simulation.ground_paths(run):  # an arm on a table has no path over the ground
+            return None
+        obstacles, reduced = scenario.experiment.obstacles, scenario.experiment.reduced
+        robot = reduced.robot if obstacles else None  # beside obstacles, the room that the robot needs counts
+        return visualization.plot_top_view(run, title, others, obstacles, robot, size, labels)
+    settings = content.plots[name]
+    chosen = others if settings.comparisons is None else settings.comparisons
+    shown = {label: others[label] for label in chosen if label in others}
+    return run.plot(settings.outputs, title=settings.title, comparisons=shown, size=settings.size or size, labels=texts)
