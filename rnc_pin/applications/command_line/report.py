@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from rich.console import Console
@@ -20,58 +21,48 @@ from rnc_pin.simulation import OutputNames, Summary
 from rnc_pin.verdict import Severity, Verdict, weight_of
 
 
-class ProgressBar:
-    """Progress bar on stderr; its context yields a callback that takes the value so far and the activity.
+@contextmanager
+def progress_bar(
+    total: float, text: str, quiet: bool, restarts: bool = False
+) -> Iterator[Callable[[float, str], None]]:
+    """Show a progress bar on stderr; yield a callback that takes the value so far and the activity.
 
     Args:
         total: value at 100 %.
         text: current activity. Without a terminal this line is printed, and one each minute.
         quiet: print nothing.
+        restarts: count the first value above zero as done before the start: the estimate of the remaining time leaves
+            it out.
     """
+    console = Console(stderr=True)
+    # A log has no bar: one line says what takes the time.
+    if not console.is_terminal:
+        messages.announce(text, quiet)
+    bar = Progress(
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        console=console,
+        disable=quiet or not console.is_terminal,
+    )
+    task = bar.add_task(text, total=total)
 
-    def __init__(self, total: float, text: str, quiet: bool) -> None:
-        console = Console(stderr=True)
-        # A log has no bar: one line says what takes the time.
-        if not console.is_terminal:
-            messages.announce(text, quiet)
-        self._bar = Progress(
-            TextColumn("{task.description}", markup=False),
-            BarColumn(),
-            TextColumn("{task.percentage:>3.0f} %"),
-            TimeElapsedColumn(),
-            TimeRemainingColumn(),
-            console=console,
-            disable=quiet or not console.is_terminal,
-        )
-        self._task = self._bar.add_task(text, total=total)
-        self._log = messages.told_each_minute(self._reached, quiet)
+    def reached() -> str:
+        return f"{bar.tasks[0].description}: {bar.tasks[0].percentage:.0f} %"
 
-    def _reached(self) -> str:
-        task = self._bar.tasks[0]
-        return f"{task.description}: {task.percentage:.0f} %"
+    def advance(done: float, text: str) -> None:
+        nonlocal restarts
+        if restarts and done:
+            bar.reset(task, completed=int(done))
+            restarts = False
+        bar.update(task, completed=done, description=text)
 
-    def __enter__(self) -> Callable[[float, str], None]:
-        self._log.__enter__()
-        self._bar.start()
-        return self._advance
-
-    def begin_at(self, done: float) -> None:
-        """Count this much as done before the start: the estimate of the remaining time leaves it out.
-
-        Args:
-            done: value so far, of the total.
-        """
-        self._bar.reset(self._task, completed=int(done))
-
-    def _advance(self, done: float, text: str) -> None:
-        self._bar.update(self._task, completed=done, description=text)
-
-    def __exit__(self, *error: object) -> None:
+    with messages.told_each_minute(reached, quiet), bar:
+        yield advance
         # A run that ended early is done too: the bar does not stop below 100 %.
-        if error[0] is None:
-            self._bar.update(self._task, completed=self._bar.tasks[0].total)
-        self._bar.stop()
-        self._log.__exit__(None, None, None)
+        bar.update(task, completed=total)
 
 
 def print_object(found: SummaryMixin, title: str, lines: Sequence[Line] = ()) -> None:
@@ -249,7 +240,7 @@ def _kept(scenario: Scenario, result: Result, target: OutputFolder, as_json: boo
         names = picture_names(scenario)
         text = f"{scenario.name}: drawing {len(names)} pictures"
         # Pictures come last: results are in place even if drawing is interrupted.
-        with target.writing() as fresh, ProgressBar(len(names), text, as_json) as bar:
+        with target.writing() as fresh, progress_bar(len(names), text, as_json) as bar:
             drawn = draw_pictures(scenario, result, fresh, bar)
         target.keep()
     except RncError as error:  # the scenario is valid, but its results cannot be written

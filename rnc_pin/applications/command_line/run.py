@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TypedDict, Unpack
 
 from rnc_pin.applications.command_line.messages import announce, told_each_minute
-from rnc_pin.applications.command_line.report import ProgressBar, run_and_report
+from rnc_pin.applications.command_line.report import progress_bar, run_and_report
 from rnc_pin.applications.scenario.execution import Result, execute
 from rnc_pin.applications.scenario.files import parse_options
 from rnc_pin.applications.scenario.scenario import Scenario
@@ -71,5 +71,5 @@ def _executed(prepared: Scenario, live: Observer | None, quiet: bool) -> Result:
     count = len(prepared.comparisons)
     others = f" and {count} comparison{'s'[: count != 1]}" if count else ""
     text = f"{prepared.name}: simulating {prepared.duration:g} s{others}"
-    with ProgressBar(prepared.total_duration, text, quiet) as advance:
+    with progress_bar(prepared.total_duration, text, quiet) as advance:
         return execute(prepared, live, advance)

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from rnc_pin.applications.command_line.messages import DONE, FAILED, complain, print_json
-from rnc_pin.applications.command_line.report import ProgressBar, print_object
+from rnc_pin.applications.command_line.report import print_object, progress_bar
 from rnc_pin.applications.scenario.files import parse_options
 from rnc_pin.applications.sweep import SweepResults, sweep
 from rnc_pin.applications.sweep.results import SUCCESSFUL, failure_lines, sweep_statistics
@@ -32,16 +32,13 @@ def sweep_scenario(
         force: True to replace another sweep.
     """
     chosen = parse_options(options)
-    bar = ProgressBar(runs, f"{scenario} x {runs}", quiet=as_json)
     reached = 0
     try:
-        with bar as advance:
+        # A sweep that continues has runs already: the estimate of the time counts only its own.
+        with progress_bar(runs, f"{scenario} x {runs}", quiet=as_json, restarts=True) as advance:
 
             def progress(done: int, total: int | None) -> None:
                 nonlocal reached
-                if done and not reached:
-                    # A sweep that continues has runs already: the estimate of the time counts only its own.
-                    bar.begin_at(done)
                 reached = done
                 advance(done, f"{scenario}: {done} of {runs} runs")
 

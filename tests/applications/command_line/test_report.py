@@ -5,13 +5,13 @@ import time
 import pytest
 
 from rnc_pin.applications.command_line import messages
-from rnc_pin.applications.command_line.report import ProgressBar
+from rnc_pin.applications.command_line.report import progress_bar
 
 
 @pytest.mark.parametrize("quiet", [False, True])
 def test_a_log_gets_a_line_each_minute(quiet, monkeypatch, capsys):
     monkeypatch.setattr(messages, "_MINUTE", 0.02)
-    with ProgressBar(10.0, "driving", quiet) as advance:
+    with progress_bar(10.0, "driving", quiet) as advance:
         advance(4.0, "driving")
         time.sleep(0.5)
     first, *lines = capsys.readouterr().out.splitlines() or [""]
