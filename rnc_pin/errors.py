@@ -369,6 +369,20 @@ def check_known(word: object, valid: Iterable[object], what: str, error: type[Rn
         raise error(f"{what} '{word}' is not known{nearest(str(word), map(str, choices))}")
 
 
+def check_unique(names: Iterable[str], what: str, error: type[RncError] = ConfigurationError) -> None:
+    """Raise an error for the first name that occurs twice.
+
+    Args:
+        names: the names.
+        what: beginning of the message, such as "duplicate channel".
+        error: class of the error; by default ``ConfigurationError``.
+    """
+    given = list(names)
+    for name in given:
+        if given.count(name) > 1:
+            raise error(f"{what} '{name}'")
+
+
 def argument(name: str, value: object) -> str:
     """Return an argument of a robot as Python and as scenario files take it: ``base='free' (robot: {base: free})``."""
     return f"{name}={value!r} (robot: {{{name}: {json.dumps(value).replace(chr(34), '')}}})"

@@ -31,7 +31,7 @@ from rnc_pin.collision.shapes import (
     check_ignored_links,
     convex_shape,
 )
-from rnc_pin.errors import InputError, ModelError
+from rnc_pin.errors import InputError, ModelError, check_unique
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.input_validation import ConfigurationValidator
 from rnc_pin.model.kinematics import moving_entries
@@ -242,9 +242,7 @@ class CollisionDistances:
         self.robot, self.obstacles = robot, tuple(obstacles)
         self._made_of = robot, self.obstacles, selection, None if q0 is None else np.array(q0, dtype=float)
         names = [obstacle.name for obstacle in self.obstacles]
-        for name in names:
-            if names.count(name) > 1:
-                raise ModelError(f"two obstacles are named '{name}'")
+        check_unique(names, "two obstacles are named", ModelError)
         self._validator = ConfigurationValidator(robot)
         self._model, self._data = robot.model, robot.model.createData()
         shapes = list(source.geometryObjects)

@@ -15,7 +15,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from rnc_pin._kernel.kernel_rows import KernelForce, KernelRow
-from rnc_pin.errors import ConstraintError, InputError, ModelError
+from rnc_pin.errors import ConstraintError, InputError, ModelError, check_unique
 from rnc_pin.model.frame_rows import axis_index
 from rnc_pin.model.input_validation import Axis, Positive
 from rnc_pin.model.kinematics import OWN_AXES, PositionKinematics, VelocityKinematics
@@ -183,9 +183,7 @@ class Actuation:
             units.append(unit)
             self.limits[column] = limit
         # Inputs are found by name in messages, limits and records: two with one name could not be told apart.
-        if len(set(names)) != len(names):
-            duplicate = next(name for name in names if names.count(name) > 1)
-            raise ConstraintError(f"duplicate actuator '{duplicate}'")
+        check_unique(names, "duplicate actuator", ConstraintError)
         self.names, self.units = tuple(names), tuple(units)
 
     @property

@@ -12,7 +12,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from rnc_pin.errors import ConstraintError, SingularityError, argument, few, warn
+from rnc_pin.errors import ConstraintError, SingularityError, argument, check_unique, few, warn
 from rnc_pin.math.linear_algebra import null_space
 from rnc_pin.model import independence
 from rnc_pin.model.assembly import Assembly
@@ -107,7 +107,7 @@ class NonholonomicSystem(SummaryMixin):
             # A loop or a gear of the user may hold what a mimic joint repeats: one of both rows would be dependent.
             blocks += _not_implied(mimic_rows(robot, blocks), robot, blocks)
         self.rows = RowStack(blocks)
-        _check_unique(self.rows.names, "constraint row")
+        check_unique(self.rows.names, "duplicate constraint row", ConstraintError)
         self.assembly = Assembly(robot, blocks)
         coupled = [name for block in blocks[len(self.kinds) :] for name in block.names]
         try:
@@ -217,7 +217,7 @@ class NonholonomicSystem(SummaryMixin):
             return self._reduced(self._entries(), x1, singularity_limit, free=True)
         x2 = OutputStack([kind.bind(self.robot) for kind in _kinds(reducing, "reducing outputs")])
         if x2.size != self.r:
-            _check_unique((*self.constraints.names, *x2.names, *x1.names), "output")
+            check_unique((*self.constraints.names, *x2.names, *x1.names), "duplicate output", ConstraintError)
             raise ConstraintError(
                 f"{x2.size} reducing outputs ({', '.join(x2.names) or 'none'}), expected {self.r}: "
                 f"{self.n} degrees of freedom less {self.m} of the constraints"
@@ -233,7 +233,7 @@ class NonholonomicSystem(SummaryMixin):
         return ObjectSummary(title, lines)
 
     def _reduced(self, x2: OutputStack, x1: OutputStack, limit: float, free: bool) -> ReducedModel:
-        _check_unique((*self.constraints.names, *x2.names, *x1.names), "output")
+        check_unique((*self.constraints.names, *x2.names, *x1.names), "duplicate output", ConstraintError)
         lengths = independence.row_scales(self.robot, self.rows, x2, self._samples)
         rest = limit, lengths, Kinematics(self.robot), self.forces, free
         data = ReductionData(self.robot, self.rows, tuple(self.kept), self.actuation, x2, x1, *rest)
@@ -368,9 +368,3 @@ def _doubts(robot: Robot, blocks: Sequence[Rows], samples: np.ndarray, found: in
             f"rows are nearly dependent (smallest singular value {found.margin:.2g} at best), so the remaining motion "
             f"may not be the intended one: {few(found.weak)}; {remedy}"
         )
-
-
-def _check_unique(names: Sequence[str], what: str) -> None:
-    for name in names:
-        if list(names).count(name) > 1:
-            raise ConstraintError(f"duplicate {what} '{name}'")

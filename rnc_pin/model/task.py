@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from rnc_pin.errors import ConfigurationError, InputError, nearest, place_of
+from rnc_pin.errors import ConfigurationError, InputError, check_unique, nearest, place_of
 from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.model.input_validation import numbers_of
 from rnc_pin.model.kinematics import PositionKinematics
@@ -133,10 +133,8 @@ class OutputTargets:
             raise ConfigurationError("targets have to be a mapping from outputs to values, with at least one output")
         found = [_target(reduced, output, value) for output, value in targets.items()]
         self.labels = tuple(label for label, *_ in found)
-        for label in self.labels:
-            # Two goals of one output contradict each other, and the nearest point to both meets neither.
-            if self.labels.count(label) > 1:
-                raise ConfigurationError(f"two targets for output '{label}'")
+        # Two goals of one output contradict each other, and the nearest point to both meets neither.
+        check_unique(self.labels, "two targets for output")
         self._outputs = SelectedOutputs([chosen for _, chosen, _ in found])
         self._values = np.concatenate([value for *_, value in found])
         self.places = self._outputs.places

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ModelError, argument, few, warn
+from rnc_pin.errors import ModelError, argument, check_unique, few, warn
 from rnc_pin.printing import significant
 from rnc_pin.robots.joint_values import NamedModel
 from rnc_pin.robots.sources.description import Body
@@ -29,10 +29,7 @@ def check_model(model: pin.Model) -> None:
         )
     # First: the next checks take time that grows with the square of the joints.
     check_model_size(model)
-    names = list(model.names)[1:]
-    for name in names:
-        if names.count(name) > 1:
-            raise ModelError(f"robot '{model.name}' has two joints named '{name}'")
+    check_unique(list(model.names)[1:], f"robot '{model.name}' has two joints named", ModelError)
     _check_order(model)
     check_inertias(model)
     moving = joints_with_moving_axes(model)

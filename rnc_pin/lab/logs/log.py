@@ -15,7 +15,7 @@ import pinocchio as pin
 from numpy import ndarray as Array
 from scipy.spatial.transform import Rotation
 
-from rnc_pin.errors import ConfigurationError, InputError, nearest
+from rnc_pin.errors import ConfigurationError, InputError, check_unique, nearest
 from rnc_pin.io.json import Json
 from rnc_pin.io.safe_npz import ArchiveError, read_npz
 from rnc_pin.io.safe_read import open_regular
@@ -55,10 +55,7 @@ class Log(SummaryMixin):
         given = list(channels)
         if not given:
             raise ConfigurationError("a log needs at least one channel")
-        names = [each.name for each in given]
-        for name in names:
-            if names.count(name) > 1:
-                raise ConfigurationError(f"duplicate channel '{name}'")
+        check_unique([each.name for each in given], "duplicate channel")
         self.start = float(min(each.time[0] for each in given))
         self.channels: Mapping[str, Channel] = {
             each.name: each.shifted(-self.start) if self.start else each for each in given
