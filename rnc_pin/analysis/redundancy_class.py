@@ -106,7 +106,7 @@ def classify(reduced: ReducedModel, task: Task, configurations: np.ndarray, seed
 
     moved, steered = largest_entries(A4) > zero, largest_entries(steering) > zero
     tracked = moved if moved.any() else steered
-    A5_along = _partial(reduced, task, configurations)[:, ~tracked]
+    A5_along = _partial(here, task)[:, ~tracked]
     A5_depends = _largest(A5_along) > zero
     redundancy_class, reason = _decide(A4[:, moved], steering[:, steered], moved, A5_depends)
     if redundancy_class != "2s":
@@ -119,14 +119,13 @@ def classify(reduced: ReducedModel, task: Task, configurations: np.ndarray, seed
     return Redundancy(redundancy_class, above, below, reason, evidence)
 
 
-def _partial(reduced: ReducedModel, task: Task, configurations: np.ndarray) -> np.ndarray:
+def _partial(here: ConfigurationEvaluation, task: Task) -> np.ndarray:
     """Partial derivatives (count, k, r1, r2) of ``A_star``'s columns of x21 with respect to x22.
 
     The paper's coordinates are (x1, x2): one redundant output moves while all other outputs of the task are fixed. The
     constraints forbid this motion, but a derivative allows it. Coordinates that are not outputs move as little as
     possible. If dependent outputs make this impossible, the result is the derivative under the constraints.
     """
-    here = reduced.at(configurations)
     J1 = here.J1[:, task.vertical]
     J = np.concatenate([J1, here.J2], axis=1)
     ways = motions_alone(J, J1.shape[1] + task.redundant, here.R[..., task.redundant])
