@@ -266,19 +266,17 @@ def _driven(model: ActionModel, q0: Array, v2: Array, duration: float) -> Array:
 
 def along(model: ActionModel, q: Array, duration: float, w: Array | None = None) -> Iterate:
     """Motion along configurations (K + 1, nq) at equal times: velocities and inputs fit it as well as they can."""
-    K = len(q) - 1
-    h = duration / K
-    v2 = _speeds(model, q, h) if w is None else w
-    if model.form == "kinematic":
-        return Iterate(q, np.empty((K + 1, 0)), v2, duration)
+    v2 = _speeds(model, q, duration / (len(q) - 1)) if w is None else w
     # Velocities of the intervals become those of the nodes between them; the motion begins at rest.
     nodes = np.concatenate([v2[:1], (v2[:-1] + v2[1:]) / 2, v2[-1:]])
     nodes[0] = 0.0
-    return _with_inputs(model, q, nodes, duration)
+    return _with_inputs(model, q, nodes, v2, duration)
 
 
-def _with_inputs(model: ActionModel, q: Array, nodes: Array, duration: float) -> Iterate:
-    """Motion with the inputs that reduced velocities (K + 1, r) at the nodes need."""
+def _with_inputs(model: ActionModel, q: Array, nodes: Array, mean: Array, duration: float) -> Iterate:
+    """Motion with the inputs that reduced velocities (K + 1, r) at the nodes need, or means (K, r) in between."""
+    if model.form == "kinematic":
+        return Iterate(q, np.empty((len(q), 0)), mean, duration)
     rates = np.diff(nodes, axis=0) * ((len(q) - 1) / duration)
     if model.form == "acceleration":
         return Iterate(q, nodes, rates, duration)
@@ -370,9 +368,7 @@ def _given(problem: Transcription, given: MotionPlan | Way | ArrayLike, duration
     K, model = problem.K, problem.model
     if isinstance(given, Way):
         q, nodes, mean = motion_along(given, K, duration, motion_limits(problem))
-        if model.form == "kinematic":
-            return Iterate(q, np.empty((K + 1, 0)), mean, duration)
-        return _with_inputs(model, q, nodes, duration)
+        return _with_inputs(model, q, nodes, mean, duration)
     if isinstance(given, MotionPlan):
         inside = np.clip(given.duration, *problem.duration)
         if given.info.form == model.form and given.info.input_names == model.input_names:
