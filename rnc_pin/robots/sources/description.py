@@ -17,7 +17,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ModelError, check_known
+from rnc_pin.errors import ModelError
 from rnc_pin.io.safe_read import parse_tree, read_bytes
 
 ROOT_JOINTS: Mapping[str, Callable[[], object] | None] = {
@@ -25,18 +25,6 @@ ROOT_JOINTS: Mapping[str, Callable[[], object] | None] = {
     "planar": pin.JointModelPlanar,
     "free": pin.JointModelFreeFlyer,
 }
-
-
-def check_base(base: object) -> None:
-    """Raise an error if a base is none of ``ROOT_JOINTS``.
-
-    Args:
-        base: base that the user gave.
-
-    Raises:
-        ModelError: unknown base.
-    """
-    check_known(base, ROOT_JOINTS, "base", ModelError)
 
 
 class Mimic(NamedTuple):

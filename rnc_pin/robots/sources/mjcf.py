@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ModelError, missing_extra, nearest, warn
+from rnc_pin.errors import ModelError, check_known, missing_extra, nearest, warn
 from rnc_pin.io.safe_read import LARGEST
 from rnc_pin.robots import robot_files
 from rnc_pin.robots.sources import description
@@ -42,7 +42,7 @@ def read_mjcf(
         ModelError: the file cannot be read, is not MJCF, or needs an unsupported element; or there is no MuJoCo.
     """
     if base is not None:
-        description.check_base(base)
+        check_known(base, description.ROOT_JOINTS, "base", ModelError)
     allowed = robot_files.AllowedFolders(path.parent, package_dirs)
     root = read_with_includes(path, allowed)
     name = root.get("model") or path.stem

@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ModelError, argument, few, nearest, warn
+from rnc_pin.errors import ModelError, argument, check_known, few, nearest, warn
 from rnc_pin.io.safe_read import read_bytes
 from rnc_pin.robots import robot_files
 from rnc_pin.robots.sources import description
@@ -56,7 +56,7 @@ def read_urdf(
     Raises:
         ModelError: the file cannot be read, is not a URDF, or describes an impossible robot.
     """
-    description.check_base(base)
+    check_known(base, description.ROOT_JOINTS, "base", ModelError)
     packages = robot_files.Packages(path.parent, package_dirs)
     root = parse_urdf(path, xacro_arguments, packages)
     # Repairs first: checks after them tell only what no repair can decide.
