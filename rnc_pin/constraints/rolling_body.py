@@ -20,6 +20,7 @@ from rnc_pin.constraints.surfaces import (
     Sphere,
     SphericalGround,
     admit_ground,
+    scalar_product,
     support_numbers,
 )
 from rnc_pin.errors import ConstraintError
@@ -206,7 +207,7 @@ class SurfaceContactRows(BodyContactRows):
     def _at(self, rotation: np.ndarray, point: np.ndarray, gap: np.ndarray) -> SurfaceContact:
         """Both surfaces where the ground has the normal of one of its points."""
         gradient = self._surface.gradient(point)
-        length = _dot(gradient, gradient) ** 0.5
+        length = scalar_product(gradient, gradient) ** 0.5
         normal = gradient / length
         bent = self._surface.hessian(point) / length[..., None]
         # Shape operator of the ground: rate of the unit normal along the surface, from the Hessian without its normal
@@ -269,26 +270,26 @@ class SurfaceContactRows(BodyContactRows):
         turned = apply(found.spread, vector_product(w, found.normal))
         moved = v + vector_product(w, found.arm)
         # Only what moves along the surface moves the contact point; the rest opens or closes the gap.
-        along = moved + turned - _dot(found.normal, moved) * found.normal
+        along = moved + turned - scalar_product(found.normal, moved) * found.normal
         normal = apply(found.turning, _solve(found.relative, along[..., None])[..., 0])
         return vector_product(w, found.arm) + turned - apply(found.spread, normal), normal
 
     def _axes(self, found: SurfaceContact) -> np.ndarray:
         """Two directions along the surface and its normal, as rows (..., 3, 3)."""
         direction, normal = found.along, found.normal
-        along = direction - normal * _dot(normal, direction)
-        first = along / _dot(along, along) ** 0.5
+        along = direction - normal * scalar_product(normal, direction)
+        first = along / scalar_product(along, along) ** 0.5
         return np.stack([first, vector_product(normal, first), normal], axis=-2)
 
     def _axes_rate(self, found: SurfaceContact, rate: np.ndarray) -> np.ndarray:
         """Rate of the axes (..., 3, 3) for a rate of the normal (..., 3)."""
         direction, normal = found.along, found.normal
-        along = direction - normal * _dot(normal, direction)
-        length = _dot(along, along) ** 0.5
+        along = direction - normal * scalar_product(normal, direction)
+        length = scalar_product(along, along) ** 0.5
         first = along / length
         # Rate of the projection, then of its unit vector: the axes follow the surface without slope of their own.
-        turned = -rate * _dot(normal, direction) - normal * _dot(rate, direction)
-        turned = (turned - first * _dot(first, turned)) / length
+        turned = -rate * scalar_product(normal, direction) - normal * scalar_product(rate, direction)
+        turned = (turned - first * scalar_product(first, turned)) / length
         return np.stack([turned, vector_product(rate, first) + vector_product(normal, turned), rate], axis=-2)
 
     def _direction(self, normal: np.ndarray) -> np.ndarray:
@@ -296,7 +297,7 @@ class SurfaceContactRows(BodyContactRows):
         along = self._surface.along
         other = _EYE[int(np.argmin(np.abs(along)))]
         leaning = 0.9  # cosine of 26 degrees: nearer to the direction, its projection on the surface gets short
-        return np.where(np.abs(_dot(normal, along)) > leaning, other, along)
+        return np.where(np.abs(scalar_product(normal, along)) > leaning, other, along)
 
     # ------------------------------------------------------------------ rows
 
@@ -366,11 +367,6 @@ class SurfaceContactRows(BodyContactRows):
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Scalar product (...) without conjugation."""
     return np.asarray((a * b).sum(axis=-1))
-
-
-def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Scalar product (..., 1), a factor of vectors."""
-    return _product(a, b)[..., None]
 
 
 def _solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:

@@ -72,10 +72,10 @@ class _SupportedShape(ABC):
             rate: rate of the normal [1/s], across it.
         """
         S, scale, tube = self.support
-        length = _dot(S * normal, normal) ** 0.5
+        length = scalar_product(S * normal, normal) ** 0.5
         unit = S * normal / length
         # Derivative of the unit vector S d / |S d|: what is along it does not turn it.
-        return np.asarray(scale * (S * rate - unit * _dot(unit, rate)) / length + tube * rate)
+        return np.asarray(scale * (S * rate - unit * scalar_product(unit, rate)) / length + tube * rate)
 
     def regularity(self, normal: np.ndarray) -> np.ndarray:
         """One: every normal has one point.
@@ -182,7 +182,7 @@ def support_point(normal: np.ndarray, S: np.ndarray, scale: float = 1.0, tube: f
         scale: radius of a torus [m].
         tube: radius of its tube [m].
     """
-    return np.asarray(scale * (S * normal) / _dot(S * normal, normal) ** 0.5 + tube * normal)
+    return np.asarray(scale * (S * normal) / scalar_product(S * normal, normal) ** 0.5 + tube * normal)
 
 
 def support_numbers(shape: BodyShape) -> list[float] | None:
@@ -198,8 +198,13 @@ def support_numbers(shape: BodyShape) -> list[float] | None:
     return [*S.tolist(), float(scale), float(tube)]
 
 
-def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Scalar product (..., 1) without conjugation."""
+def scalar_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the scalar product (..., 1) of vectors (..., 3), without conjugation: a factor of vectors.
+
+    Args:
+        a: vectors.
+        b: vectors.
+    """
     return np.asarray((a * b).sum(axis=-1, keepdims=True))
 
 
