@@ -392,7 +392,7 @@ def _velocities(model: ActionModel, stated: Sequence[NodeBound]) -> list[NodeBou
         return []
     v, limits = [places[k] for k in kept], (-largest[kept], largest[kept])
     remedy = "state a bound for it, or limits=FileLimits(velocity=False); in files limits: {velocity: null}"
-    rows, of_state = partial(_joint_rates, v), model.form != "kinematic"
+    rows, of_state = partial(_linear_rows, np.eye(model.nv)[v]), model.form != "kinematic"
     return [NodeBound("velocity", [names[place] for place in v], limits, rows, of_state, remedy=remedy)]
 
 
@@ -418,11 +418,6 @@ def _position_rows(q: list[int], v: list[int], nodes: NodeData, derivatives: boo
         found.x = np.zeros((nodes.size, len(v), nodes.model.nx))
         found.x[:, range(len(v)), v] = 1.0  # q and v of joints with limits have the same entries
     return found
-
-
-def _joint_rates(places: list[int], nodes: NodeData, derivatives: bool) -> RowValues:
-    """Velocities of joints (k,) by their places in v."""
-    return _linear_rows(np.eye(nodes.model.nv)[places], nodes, derivatives)
 
 
 def _slip_rows(rows: RowStack, nodes: NodeData, derivatives: bool) -> RowValues:
