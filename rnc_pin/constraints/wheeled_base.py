@@ -10,7 +10,6 @@ aimed as if it were fixed. Names do not matter.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -334,8 +333,7 @@ def _on_pivot(robot: Robot, position: PositionKinematics, wheel: int) -> bool:
 # ---------------------------------------------------------------------- heights of wheels
 
 
-@dataclass(frozen=True)
-class _Wheel:
+class _Wheel(NamedTuple):
     """Wheel, ball or caster on a plane."""
 
     frame: str

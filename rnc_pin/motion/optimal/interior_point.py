@@ -181,8 +181,7 @@ _SLOW = 12  # iterations after which such a start is given up
 _REST = 10.0  # part of the first residuals that may remain, relative to the tolerance
 
 
-@dataclass(frozen=True)
-class Direction:
+class Direction(NamedTuple):
     """Solution of the subproblem."""
 
     x: Float[Array, "N1 nx"]

@@ -6,7 +6,6 @@ Free duration: it is a constant last entry of the state, which an input of a fir
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -42,8 +41,7 @@ class Values(NamedTuple):
     """Values of the bounded rows of each node."""
 
 
-@dataclass(frozen=True)
-class Violation:
+class Violation(NamedTuple):
     """Largest violation of a constraint."""
 
     amount: float

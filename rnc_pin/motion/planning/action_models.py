@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
@@ -88,8 +88,7 @@ class Nodes(NamedTuple):
     """Reduced velocities; none, (n, 0), in the kinematic form."""
 
 
-@dataclass(frozen=True)
-class StepDerivatives:
+class StepDerivatives(NamedTuple):
     """Next states of n nodes, with derivatives along the tangent space: x (nv + nw), u, and the step h."""
 
     after: Nodes
@@ -187,7 +186,7 @@ class ActionModel(ABC):
             then = self._midpoint_derivatives(found.after, u, np.asarray(h) / self.parts)
             x, by_u, by_h = then.x @ found.x, then.x @ found.u + then.u, np.matvec(then.x, found.h) + then.h
             found = StepDerivatives(then.after, x, by_u, by_h, found.flow)
-        return replace(found, h=found.h / self.parts)
+        return found._replace(h=found.h / self.parts)
 
     def _midpoint_derivatives(self, at: Nodes, u: Array, h: Array) -> StepDerivatives:
         nx, found = self.nx, self._compiled_derivatives(at, u, h)
