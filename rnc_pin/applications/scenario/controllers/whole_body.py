@@ -6,7 +6,7 @@ To add a task or a limit, add its class to ``TaskItem`` or ``LimitSettings``.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -44,6 +44,9 @@ class _FollowingTask(Strict):
         reference: its reference.
     """
 
+    task: ClassVar[Callable[..., ControlTask]]
+    """Class of the task, whose arguments have the names of the keys."""
+
     weight: _Weight = 1.0
     gain: _Weight = 1.0
     priority: int = 0
@@ -54,9 +57,9 @@ class _FollowingTask(Strict):
     def outputs(self) -> list[OutputKind]:
         """Outputs that the reference describes."""
 
-    @abstractmethod
     def build(self, reference: Reference) -> ControlTask:
         """Build the task."""
+        return self.task(**{**dict(self), "reference": reference})
 
 
 class OutputTaskSettings(_FollowingTask):
@@ -66,14 +69,12 @@ class OutputTaskSettings(_FollowingTask):
         output: the output, e.g. ``rnc.FramePosition("hand")``.
     """
 
+    task = tasks.OutputTask
     output: OutputItem
 
     @property
     def outputs(self) -> list[OutputKind]:
         return [self.output]
-
-    def build(self, reference: Reference) -> tasks.OutputTask:
-        return tasks.OutputTask(self.output, reference, weight=self.weight, gain=self.gain, priority=self.priority)
 
 
 class BasePoseSettings(_FollowingTask):
@@ -85,16 +86,13 @@ class BasePoseSettings(_FollowingTask):
         lateral_gain: yaw rate per forward speed and lateral error [rad/m^2].
     """
 
+    task = tasks.BasePoseTask
     frame: str
     lateral_gain: NotNegative = 0.0
 
     @property
     def outputs(self) -> list[OutputKind]:
         return [FramePosition(self.frame, "xy"), FrameYaw(self.frame)]
-
-    def build(self, reference: Reference) -> tasks.BasePoseTask:
-        given = self.frame, reference, self.lateral_gain
-        return tasks.BasePoseTask(*given, weight=self.weight, gain=self.gain, priority=self.priority)
 
 
 class CenterOfMassSettings(_FollowingTask):
@@ -105,14 +103,12 @@ class CenterOfMassSettings(_FollowingTask):
         axes: world axes, e.g. "xy" or "xyz".
     """
 
+    task = tasks.CenterOfMassTask
     axes: Axes = "xyz"
 
     @property
     def outputs(self) -> list[OutputKind]:
         return [CenterOfMass(self.axes)]
-
-    def build(self, reference: Reference) -> tasks.CenterOfMassTask:
-        return tasks.CenterOfMassTask(reference, self.axes, weight=self.weight, gain=self.gain, priority=self.priority)
 
 
 TaskItem = Annotated[
