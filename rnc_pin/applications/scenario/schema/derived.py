@@ -18,7 +18,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
 from rnc_pin.errors import RncError
-from rnc_pin.io import Json, Numbers, Strict, descriptions, summary
+from rnc_pin.io import LIST, Json, Numbers, Strict, descriptions, summary
 
 if typing.TYPE_CHECKING:
     Content = Json
@@ -53,14 +53,20 @@ def checked(build: Callable[[], T]) -> T:
         raise ValueError(str(error)) from None  # pydantic adds the place
 
 
-NAME, _OTHER = "name", "other"
+_NAME, _OTHER = "name", "other"
 
 
-def _kind(raw: object) -> str:
-    """Tag of an entry: its one key, or ``NAME`` for a bare name."""
+def tag_of(raw: object) -> str:
+    """Return the tag of an entry: its one key, ``LIST`` for a list, or that of a bare name.
+
+    Args:
+        raw: the entry as a file has it.
+    """
     if isinstance(raw, dict) and len(raw) == 1:
         return str(next(iter(raw)))
-    return NAME if isinstance(raw, str) else _OTHER
+    if isinstance(raw, list):
+        return LIST
+    return _NAME if isinstance(raw, str) else _OTHER
 
 
 @dataclass(frozen=True, eq=False)  # hashable by identity: a union hashes its parts
@@ -139,8 +145,8 @@ def one_of(names: bool = False, /, **entries: type | ClassReader) -> object:
     """
     # The key chooses the class before anything is validated, so that a mistake has one message and not one a class.
     items = [_keyed(key, each if isinstance(each, ClassReader) else ClassReader(each)) for key, each in entries.items()]
-    names_too = [typing.Annotated[str, pydantic.Tag(NAME)]] * names
-    return ReadAs(typing.Annotated[_either(names_too + items), pydantic.Discriminator(_kind)])
+    names_too = [typing.Annotated[str, pydantic.Tag(_NAME)]] * names
+    return ReadAs(typing.Annotated[_either(names_too + items), pydantic.Discriminator(tag_of)])
 
 
 @dataclass(frozen=True, eq=False)

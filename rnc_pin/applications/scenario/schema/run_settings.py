@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator, Discriminator, Field, RootModel, Tag
 
-from rnc_pin.applications.scenario.schema.derived import NAME, Content
+from rnc_pin.applications.scenario.schema.derived import Content, tag_of
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.io import LIST, Strict
 from rnc_pin.model import Positive
@@ -182,20 +182,13 @@ class ChoiceDistribution(Strict):
         return self.choice
 
 
-def _kind(raw: object) -> str:
-    """Tag of a distribution: its key, or ``LIST``."""
-    if isinstance(raw, list):
-        return LIST
-    return str(next(iter(raw))) if isinstance(raw, dict) and len(raw) == 1 else NAME
-
-
 Distribution = Annotated[
     Annotated[UniformRange, Tag(LIST)]
     | Annotated[NormalDistribution, Tag("normal")]
     | Annotated[LogUniformDistribution, Tag("log_uniform")]
     | Annotated[IntegerDistribution, Tag("integers")]
     | Annotated[ChoiceDistribution, Tag("choice")],
-    Discriminator(_kind),
+    Discriminator(tag_of),
 ]
 """Distribution of a drawn value."""
 
