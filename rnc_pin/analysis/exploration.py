@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from copy import copy
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import cast
@@ -192,7 +193,7 @@ class _Bound:
         self._rows = rows
 
     def bind(self, robot: Robot) -> Rows:
-        return self._rows
+        return copy(self._rows)  # a system tells its rows their kind
 
 
 class _HeldRows(Rows):

@@ -116,7 +116,11 @@ BASE = rnc.FramePosition("base", "xy")
     (fire_truck, ["tractor_speed_x", "front_steering"], [rnc.JointPosition("hitch")], "2s"),
 ])  # fmt: skip
 def test_the_systems_of_the_paper_have_their_classes(system, primary, vertical, expected):
-    assert [each.redundancy_class for each in rnc.explore(system(), primary, [vertical]).rows] == [expected]
+    reduced = system()
+    blocks = [place.block for place in reduced.all_constraints.places]
+    kinds = [block.kind for block in blocks]
+    assert [each.redundancy_class for each in rnc.explore(reduced, primary, [vertical]).rows] == [expected]
+    assert [block.kind for block in blocks] == kinds
 
 
 @settings(max_examples=20, deadline=None, derandomize=True)
