@@ -73,8 +73,7 @@ def test_thresholds_are_those_of_map_server(tmp_path, image):
     # Occupancy (255 - c) / 255: 0.004, 0.196, 1; 0.651, 0.647, 0.192. Row 0 is the lowest one of the image.
     assert found.occupied.tolist() == [[True, False, False], [False, False, True]]
     assert found.unknown.tolist() == [[False, True, False], [False, True, False]]
-    turned = load_map(written_map(tmp_path, [[0, 255]], image, negate=1))
-    assert turned.occupied.tolist() == [[False, True]]
+    assert load_map(written_map(tmp_path, [[0, 255]], image, negate=1)).occupied.tolist() == [[False, True]]
 
 
 def test_boxes_are_where_the_cells_are(tmp_path):

@@ -69,8 +69,7 @@ def test_the_rank_is_that_of_closed_loops():
         placement = pin.SE3(pin.utils.rpyToMatrix(twist[k % 2], 0, 0), np.array([lengths[k % 2], 0, 0]))
     add_frame(model, "end", joint, placement)
     robot = rnc.Robot(model)
-    system = rnc.NonholonomicSystem(robot, [rnc.LoopClosure("universe", "end")])
-    assert system.m == 3
+    assert rnc.NonholonomicSystem(robot, [rnc.LoopClosure("universe", "end")]).m == 3
     position = Kinematics(robot).position(robot.random_configuration(np.random.default_rng(0)))
     open_rank = np.linalg.matrix_rank(rnc.LoopClosure("universe", "end").bind(robot).jacobian(position))
     assert open_rank == 4

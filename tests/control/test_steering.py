@@ -88,8 +88,7 @@ def test_steering_takes_over_where_redundant_rates_move_nothing():
         law.initial_state(Measurement(A_star=A))
     words = "rates of b_4, b_1 move c_2, c_0 directly (A4 is not zero): use the class-1 controller"
     assert str(caught.value) == words
-    gains = {"k3": 2.0, "k4": 10.0, "k21": 2.0}
-    assert law.describe() == {"type": "SteeringController", **gains}
+    assert law.describe() == {"type": "SteeringController", "k3": 2.0, "k4": 10.0, "k21": 2.0}
     reduced = SimpleNamespace(affine=False)
     for places, counts in (
         (([0], [1], [0, 1]), "1 and 2"), (([0], [1, 2], [0]), "2 and 1"), (([0], [], []), "0 and 0"),

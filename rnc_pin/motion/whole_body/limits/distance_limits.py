@@ -195,11 +195,10 @@ class BoundCollisionAvoidance(BoundLimit):
         self.spacing = 0.0 if any(each.motion is not None for each in limit.obstacles) else _SPACING
         self._deceleration, self._braking = limit.deceleration, PlannedBraking(reduced)
         self.clearances = np.full(len(labels), limit.clearance)
-        links = len(robot.collision_model.geometryObjects) if robot.collision_model is not None else 0
         # Only pairs of links are near by design: an obstacle keeps the whole clearance.
         at_start = self.distances.at(q0, within=limit.clearance / _SHARE)
         for k, distance in zip(at_start.pairs.tolist(), at_start.distance.tolist(), strict=True):
-            if self.distances.pairs[k].second < links:
+            if self.distances.pairs[k].second < self.distances.link_shapes:
                 self.clearances[k] = _SHARE * distance
         self.clearances.setflags(write=False)
         # Neighbours in a wrist are nearer than that by design: their edges count when they are nearer than at q0.
