@@ -173,8 +173,7 @@ def test_four_supports_carry_what_they_can_without_pulling():
     gives = np.vstack([np.ones(4), corners[:, 1], -corners[:, 0]])
     place = np.array([0.7, 0.6])
     needed = np.array([10.0, 10.0 * place[1], -10.0 * place[0]])
-    plain = np.linalg.pinv(gives) @ needed
-    assert plain.min() < 0
+    assert (np.linalg.pinv(gives) @ needed).min() < 0
     forces = balanced(gives[None], np.zeros((1, 3, 0)), needed[None])[0]
     assert forces.min() >= 0
     np.testing.assert_allclose(gives @ forces, needed, atol=1e-9)

@@ -74,8 +74,7 @@ def test_a_wheel_that_reaches_below_the_ground(tmp_path):
 
 
 def test_no_contact_is_claimed_of_a_base_in_the_air(tmp_path):
-    high = {"root_joint": [0.0, 0.0, 3.0, 0.0, 0.0, 0.0, 1.0]}
-    assert findings(tmp_path, base="free", q=high) == ()
+    assert findings(tmp_path, base="free", q={"root_joint": [0.0, 0.0, 3.0, 0.0, 0.0, 0.0, 1.0]}) == ()
     robot = rnc.Robot.from_urdf(tmp_path / "cart.urdf", base="free")
     reduced = rnc.NonholonomicSystem(robot, [rnc.RollingWheel("wheel_left", 0.25, vertical=False)]).reduce()
     assert wheel_height_findings(reduced, robot.configuration()) == ()

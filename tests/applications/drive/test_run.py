@@ -116,8 +116,8 @@ def pressed(forward, turn, samples):
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_left_and_right_bend_the_path_to_their_sides(rake, side, tmp_path):
     run, trajectory = driven(bending(tmp_path, rake, pressed(1.0, side, 200)), 200)
-    headings = [pose_of(run, q)[2] for q in trajectory.q[150:]]  # at first, it folds
-    assert (side * np.diff(headings)).min() > 0
+    # At first, it folds.
+    assert (side * np.diff([pose_of(run, q)[2] for q in trajectory.q[150:]])).min() > 0
     assert trajectory.v2[-1, 0] == pytest.approx(0.5, rel=0.05)  # the joint is at its limit
 
 
