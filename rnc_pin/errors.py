@@ -369,7 +369,7 @@ def check_known(word: object, valid: Iterable[object], what: str, error: type[Rn
         raise error(f"{what} '{word}' is not known{nearest(str(word), map(str, choices))}")
 
 
-def check_unique(names: Iterable[str], what: str, error: type[RncError] = ConfigurationError) -> None:
+def check_unique(names: Sequence[str], what: str, error: type[RncError] = ConfigurationError) -> None:
     """Raise an error for the first name that occurs twice.
 
     Args:
@@ -377,9 +377,8 @@ def check_unique(names: Iterable[str], what: str, error: type[RncError] = Config
         what: beginning of the message, such as "duplicate channel".
         error: class of the error; by default ``ConfigurationError``.
     """
-    given = list(names)
-    for name in given:
-        if given.count(name) > 1:
+    for name in names:
+        if names.count(name) > 1:
             raise error(f"{what} '{name}'")
 
 

@@ -226,8 +226,8 @@ class SurfaceContactRows(BodyContactRows):
         # Two right sides, one factorisation: the step for a fixed gap, and its change for a wider one.
         solved = _solve(found.relative, np.stack([apart, found.normal], axis=-1))
         gradient = self._surface.gradient(found.point)
-        to_gap = self._surface.level(found.point) + _product(gradient, solved[..., 0])
-        wider = to_gap / _product(gradient, solved[..., 1])
+        to_gap = self._surface.level(found.point) + scalar_product(gradient, solved[..., 0])[..., 0]
+        wider = to_gap / scalar_product(gradient, solved[..., 1])[..., 0]
         return solved[..., 0] - wider[..., None] * solved[..., 1], wider
 
     def _solved(self, at: PositionKinematics) -> SurfaceContact:
@@ -240,7 +240,7 @@ class SurfaceContactRows(BodyContactRows):
             point = self._surface.below(origin + apply(rotation, self._center))
             found = self._at(rotation, point, np.zeros(point.shape[:-1]))
             # The first gap is the distance along the normal: for a ball it is exact, and Newton's method ends at once.
-            gap = _product(origin + found.arm - point, found.normal)
+            gap = scalar_product(origin + found.arm - point, found.normal)[..., 0]
             found = found._replace(gap=gap)
             size = np.linalg.norm(found.arm, axis=-1) + np.linalg.norm(point, axis=-1)
             for _ in range(most_steps):
@@ -362,11 +362,6 @@ class SurfaceContactRows(BodyContactRows):
         quadric = [*map(float, point), scale, *axis.tolist(), float(shape.radius)]
         numbers = [[*quadric, *weights] for weights in np.eye(4)[: len(self.names)].tolist()]
         return wrench_rows(Form.CURVED, attached(model, self.frame, pin.SE3(_EYE, self._center)), numbers, self.twist)
-
-
-def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Scalar product (...) without conjugation."""
-    return np.asarray((a * b).sum(axis=-1))
 
 
 def _solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:

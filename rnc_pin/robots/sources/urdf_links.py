@@ -117,9 +117,11 @@ class Meshes:
         if name in self._missing:
             missing.add(name)
             return None
+        from rnc_pin.robots.sources.mesh_readers import MeshError
+
         try:
             return shapes.load(Path(name), mesh.get("scale"))
-        except ValueError as error:  # a MeshError
+        except MeshError as error:
             faults[name] = str(error)
         return None
 
@@ -364,10 +366,11 @@ def _vertices(file: str) -> np.ndarray | None:
     if not Path(file).is_absolute():  # a relative path means that the file was not found
         return None
     from rnc_pin.robots.sources.mesh_formats import read_mesh
+    from rnc_pin.robots.sources.mesh_readers import MeshError
 
     try:
         return read_mesh(Path(file)).vertices
-    except ValueError:  # a MeshError
+    except MeshError:
         return None
 
 
