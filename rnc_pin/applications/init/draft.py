@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -49,26 +50,6 @@ class BaseEvidence:
     balance: DraftDecision | None
     rollers: DraftDecision | None
 
-    @property
-    def asked(self) -> str | None:
-        """Base that the user chose."""
-        return self.source.options.base
-
-    @property
-    def is_open(self) -> bool:
-        """True for a robot without wheels, of which the user chose no base."""
-        return self.asked is None and not self.layout.wheels
-
-    @property
-    def is_cart(self) -> bool:
-        """True if fixed wheels roll in one direction."""
-        return bool(self.layout.fixed) and self.layout.is_straight and not _is_yes(self.rollers)
-
-    @property
-    def is_without_wheels(self) -> bool:
-        """True if there are none, or only disks at right angles that do not carry the base."""
-        return not self.layout.wheels or bool(self.layout.fixed and not self.layout.steered and not self.is_cart)
-
     def complete(self, mobility: BaseAssumptions) -> None:
         """Add the decisions on its wheels, the doubts about crossed axes, and locks of joints that nothing drives.
 
@@ -76,7 +57,7 @@ class BaseEvidence:
             mobility: assumptions about the base; they are extended.
         """
         mobility.decisions[:0] = [each for each in (self.balance, self.rollers) if each is not None]
-        if self.asked is None and self.layout.wheels and self.search.guessed:
+        if self.source.options.base is None and self.layout.wheels and self.search.guessed:
             evidence = "they turn on and on about one axle in pairs, and their meshes were not found"
             bolted, floats = Alternative("bolted down", {"base": "fixed"}), Alternative("afloat", {"base": "free"})
             mobility.decide(f"Are {few(self.search.guessed)} wheels?", "yes", GUESSED, evidence, bolted, floats)
@@ -86,52 +67,37 @@ class BaseEvidence:
             mobility.lock.update(loose)
             mobility.notes.append(f"locked, because nothing drives them: {', '.join(loose)}")
 
-    def without_wheels(self, base: str | None, why: str = "asked for") -> BaseAssumptions:
-        """Return the assumptions without wheels, on a base or on the likely one.
+    def likely_bases(self) -> Iterator[Callable[[], BaseAssumptions]]:
+        """Yield functions that return the assumptions of each kind of base that fits, the most likely first.
 
-        Args:
-            base: "fixed", "planar" or "free"; None for the likely one.
-            why: reason for a given base.
+        The first kind whose trial succeeds is taken, else the best trial.
         """
-        return other_bases.without_wheels(self.at_start, base, self.source.mass_of_base, why)
-
-
-class BaseKind(NamedTuple):
-    """Kind of a base."""
-
-    fits: Callable[[BaseEvidence], bool]
-    """Return whether the evidence is for this kind."""
-    draft: Callable[[BaseEvidence], BaseAssumptions]
-    """Return its assumptions, with decisions, their confidence, and doubts."""
-    is_last: bool = False
-    """True if no other kind is tried after its draft is refused."""
-
-
-BASE_KINDS = (
-    BaseKind(
-        lambda e: e.asked is None and e.layout.is_bicycle, lambda e: other_bases.bicycle_base(e.layout, e.at_start)
-    ),
-    BaseKind(
-        lambda e: e.asked is None and e.layout.is_on_one_track and not e.layout.is_bicycle,
-        lambda e: other_bases.refuse_one_track(e.layout, e.search.crossed),
-        is_last=True,
-    ),
-    BaseKind(lambda e: _is_yes(e.balance), lambda e: other_bases.balancing_base(e.layout, e.at_start)),
-    BaseKind(lambda e: _is_yes(e.rollers), lambda e: omnidirectional.omnidirectional_base(e.layout, e.at_start)),
-    BaseKind(lambda e: e.layout.is_turret, lambda e: omnidirectional.turret_base(e.layout, e.at_start)),
-    BaseKind(lambda e: e.layout.is_swerve, lambda e: omnidirectional.swerve_base(e.layout, e.at_start)),
-    BaseKind(lambda e: e.is_cart, lambda e: wheeled_base(e.layout, e.at_start)),
-    BaseKind(lambda e: bool(e.axles), lambda e: knife_edge_base(e.axles, e.drawn, e.at_start)),
-    BaseKind(lambda e: e.is_without_wheels, lambda e: e.without_wheels(e.asked)),
-    BaseKind(lambda e: bool(e.layout.wheels), lambda e: omnidirectional.force_driven_base(e.layout, e.at_start)),
-    BaseKind(lambda e: e.is_open, lambda e: e.without_wheels("fixed", "taken to be bolted down, for lack of better")),
-    BaseKind(lambda e: e.is_open, lambda e: other_bases.fixed_base_with_locked_joints(e.at_start)),
-)
-"""Kinds of bases, the most likely first. The first one whose trial succeeds is taken, else the best trial."""
-
-
-def _is_yes(decision: DraftDecision | None) -> bool:
-    return decision is not None and decision.answer == "yes"
+        layout, at_start, asked = self.layout, self.at_start, self.source.options.base
+        balances, has_rollers = (each is not None and each.answer == "yes" for each in (self.balance, self.rollers))
+        is_cart = bool(layout.fixed) and layout.is_straight and not has_rollers  # fixed wheels roll in one direction
+        if asked is None and layout.is_on_one_track and not layout.is_bicycle:
+            yield partial(other_bases.refuse_one_track, layout, self.search.crossed)
+            return  # no other kind stands on these wheels
+        on_wheels = (
+            (asked is None and layout.is_bicycle, other_bases.bicycle_base),
+            (balances, other_bases.balancing_base),
+            (has_rollers, omnidirectional.omnidirectional_base),
+            (layout.is_turret, omnidirectional.turret_base),
+            (layout.is_swerve, omnidirectional.swerve_base),
+            (is_cart, wheeled_base),
+        )
+        yield from (partial(kind, layout, at_start) for fits, kind in on_wheels if fits)
+        if self.axles:
+            yield partial(knife_edge_base, self.axles, self.drawn, at_start)
+        without_wheels = partial(other_bases.without_wheels, at_start, self.source.mass_of_base)
+        # Disks at right angles do not carry the base.
+        if not layout.wheels or (layout.fixed and not layout.steered and not is_cart):
+            yield partial(without_wheels, asked)
+        if layout.wheels:
+            yield partial(omnidirectional.force_driven_base, layout, at_start)
+        elif asked is None:
+            yield partial(without_wheels, "fixed", "taken to be bolted down, for lack of better")
+            yield partial(other_bases.fixed_base_with_locked_joints, at_start)
 
 
 @dataclass(frozen=True)
@@ -215,11 +181,11 @@ def _tried(name: str, folder: Path, choices: DraftOptions, decided: Iterable[Dra
     with collected_model_warnings(show=False) as heard:
         source = Source(name, folder, choices)
         evidence = _evidence(source)
-    for kind in (each for each in BASE_KINDS if each.fits(evidence)):
+    for kind in evidence.likely_bases():
         mobility: BaseAssumptions | None = None
         try:
             with collected_model_warnings(show=False) as said:  # those of rejected candidates are not of interest
-                mobility = kind.draft(evidence)
+                mobility = kind()
                 evidence.complete(mobility)
                 attempt = ScenarioCandidate(mobility, source, evidence.at_start)
                 mobility.notes += [*source.remarks, *failures]
@@ -230,8 +196,6 @@ def _tried(name: str, folder: Path, choices: DraftOptions, decided: Iterable[Dra
             # Kinds of bases often fail for one reason, such as a joint without mass.
             if not any(str(error) in each for each in failures):
                 failures.append(f"not '{mobility.kind}', which does not run: {error}" if mobility else str(error))
-            if kind.is_last:
-                break
             continue
         verdict = attempt.trial.verdict
         if best is None or attempt.trial.rank < best.trial.rank:

@@ -291,14 +291,14 @@ def is_called_afloat(at_start: RobotAtStart) -> bool:
 
 
 def without_wheels(
-    at_start: RobotAtStart, asked: str | None, mass_of_base: Callable[[], float], because: str = "asked for"
+    at_start: RobotAtStart, mass_of_base: Callable[[], float], asked: str | None, because: str = "asked for"
 ) -> BaseAssumptions:
     """Return the assumptions for a robot without wheels.
 
     Args:
         at_start: the robot.
-        asked: "fixed", "planar" or "free" if the base is given, else None.
         mass_of_base: returns the mass of the first link [kg]; it loads the robot.
+        asked: "fixed", "planar" or "free" if the base is given, else None.
         because: reason for the given base.
     """
     own = bool(at_start.root) and at_start.robot.model.joints[at_start.root].nv == 6 and not at_start.is_rigid

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from copy import deepcopy
-from dataclasses import dataclass, field, replace
-from functools import partial
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,17 +15,15 @@ from rnc_pin import plants, simulation
 from rnc_pin.analysis import Grip, wheel_height_findings
 from rnc_pin.applications.scenario import plan_builder
 from rnc_pin.applications.scenario.controllers import ControllerContext
-from rnc_pin.applications.scenario.controllers.base import reduced_velocity
+from rnc_pin.applications.scenario.controllers.base import BuiltController, reduced_velocity
 from rnc_pin.applications.scenario.controllers.feedback import check_output_names
 from rnc_pin.applications.scenario.controllers.tracking import VelocityTrackerSettings
-from rnc_pin.applications.scenario.schema import ScenarioFile, SimulationSettings
+from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.world import build_obstacles
 from rnc_pin.collision import Obstacle, check_ignored_links
 from rnc_pin.control import Controller, ZeroInput, describe
 from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, ModelWarning, RncError
 from rnc_pin.model import NonholonomicSystem, ReducedModel, Task
-from rnc_pin.motion.optimal import MotionPlan
-from rnc_pin.motion.planning import Reference
 from rnc_pin.motion.whole_body import WholeBodyProgram, program_of
 from rnc_pin.robots import Robot
 from rnc_pin.simulation import PLOTTED_QUANTITIES, Provenance, SimulationOptions, TaskNames, Trajectory
@@ -60,26 +57,14 @@ def build_task(scenario: ScenarioFile, reduced: ReducedModel) -> Task:
     return Task.of(reduced, primary, names.redundant, names.vertical)
 
 
-@dataclass(frozen=True)
-class Experiment:
+@dataclass(frozen=True, kw_only=True)
+class Experiment(ControllerContext):
     """Objects of a run."""
 
-    scenario: ScenarioFile
-    reduced: ReducedModel
     controller: Controller
     plant: plants.Plant
-    q0: np.ndarray
-    v2_0: np.ndarray
-    simulation: SimulationSettings
-    warnings: tuple[str, ...]
     provenance: Provenance
-    obstacles: tuple[Obstacle, ...] = ()
-    plan: MotionPlan | None = None
-    """Optimal motion of ``planner``."""
-    references: Mapping[str, Reference] = field(default_factory=dict)
-    """References of the task by role: ``primary``, ``redundant``, ``vertical``."""
-    ends: Mapping[str, float] = field(default_factory=dict)
-    """Values at which references or the plan end after the run, by output."""
+    warnings: tuple[str, ...] = ()
     model_warnings: tuple[str, ...] = ()
     """Warnings about the model, which building it gave."""
     start_findings: tuple[Finding, ...] = ()
@@ -139,63 +124,39 @@ def build_experiment(
             raise ConfigurationError(f"simulation: {error}") from None
     reduced = scenario.reduced(build_system(scenario, folder)) if reduced is None else reduced
     _check_plots(scenario, reduced)  # a misspelt plot would fail after the run
-    q0, v2_0 = start = start_of(scenario, reduced)
-    task = build_task(scenario, reduced)
     obstacles = build_obstacles(scenario.obstacles, folder)
     check_ignored_links(obstacles, reduced.robot)
-    motion = None
-    if scenario.planner is not None:
-        motion = plan_builder.plan_of_scenario(scenario, reduced, start, obstacles, {} if plans is None else plans)
-        timing = timing.of_plan(motion.duration)
+    start, task = start_of(scenario, reduced), build_task(scenario, reduced)
+    context = ControllerContext(scenario, reduced, *start, task, timing, obstacles)
+    context = plan_builder.with_plan(context, {} if plans is None else plans)
     for frame in scenario.view.trail:
         reduced.robot.frame_id(frame)  # raises for an unknown one, which the page would meet after the run
-    at_start = start_findings(scenario, reduced, q0)
+    at_start = start_findings(scenario, reduced, context.q0)
     # Before the controller: its roll-out may fail for the reason that these tell.
-    doubted = warnings_of(at_start)
-    run = partial(Experiment, scenario, reduced, q0=q0, v2_0=v2_0, simulation=timing, obstacles=obstacles)
+    warned = warnings_of(at_start)
     if scenario.controller is None:  # contacts fall and slide by themselves
-        without, plant = ZeroInput(reduced), build_plant(scenario, reduced, q0)
-        return run(without, plant, warnings=doubted, start_findings=at_start, provenance=simulation.provenance_of(None))
-    references, given = plan_builder.task_references(scenario, reduced, task, q0, motion)
-    path = plan_builder.plan_path(scenario, reduced, task, q0)
-    if path.primary is not None:
-        references["primary"] = path.primary
-    context = ControllerContext(
-        reduced=reduced,
-        task=task,
-        **references,
-        given=given,
-        q0=q0,
-        simulation=timing,
-        preflight=scenario.preflight,
-        slithering=path.slithering,
-        monitored=path.monitored,
-        v2_0=v2_0,
-        grip=_grip(scenario, reduced),
-        obstacles=obstacles,
-        plan=motion,
-        outputs=scenario.listed_outputs,
-    )
-    built = scenario.controller.build(context)
-    trail = scenario.view.trail or reduced.robot.links_of(1)  # first the trail of the scenario, else the base
-    return run(
-        built.controller,
-        build_plant(scenario, reduced, q0),
-        warnings=(*doubted, *built.warnings, *_unmeasured(obstacles, reduced)),
+        built, note = BuiltController(ZeroInput(reduced)), simulation.provenance_of(None)
+    else:
+        context = replace(plan_builder.with_references(context), grip=_grip(scenario, reduced))
+        built, path = scenario.controller.build(context), context.path
+        if context.plan is not None:
+            trail = scenario.view.trail or reduced.robot.links_of(1)  # first the trail of the scenario, else the base
+            path = plan_builder.planned_path(context.plan, reduced, trail[0])
+        names = TaskNames(tuple(task.primary_names), tuple(task.redundant_names))
+        said, note = describe(built.controller), simulation.provenance_of(built.notes)
+        note = replace(note, controller=said, task=names, path=path)
+        warned = (*warned, *built.warnings, *_unmeasured(obstacles, reduced))
+    return Experiment(
+        **vars(context),
+        controller=built.controller,
+        plant=build_plant(scenario, reduced, context.q0),
+        provenance=note,
+        warnings=warned,
         start_findings=at_start,
-        provenance=replace(
-            simulation.provenance_of(built.notes),
-            controller=describe(built.controller),
-            task=TaskNames(tuple(task.primary_names), tuple(task.redundant_names)),
-            path=path.planned if motion is None else plan_builder.planned_path(motion, reduced, trail[0]),
-        ),
-        plan=motion,
-        references=references,
-        ends=_later_ends(scenario, context),
     )
 
 
-def start_of(scenario: ScenarioFile, reduced: ReducedModel) -> plan_builder.Start:
+def start_of(scenario: ScenarioFile, reduced: ReducedModel) -> tuple[np.ndarray, np.ndarray]:
     """Initial configuration (nq,) and initial reduced velocity (r,).
 
     Args:
@@ -203,7 +164,7 @@ def start_of(scenario: ScenarioFile, reduced: ReducedModel) -> plan_builder.Star
         reduced: its reduced model.
     """
     v2_0 = reduced_velocity(reduced, scenario.initial.v2, "initial.v2")
-    return plan_builder.Start(_initial(scenario, reduced), v2_0)
+    return _initial(scenario, reduced), v2_0
 
 
 def _unmeasured(obstacles: Sequence[Obstacle], reduced: ReducedModel) -> tuple[str, ...]:
@@ -223,19 +184,6 @@ def _grip(scenario: ScenarioFile, reduced: ReducedModel) -> Grip | None:
         raise ConfigurationError("grip: requires a controller over a velocity tracker, such as type 'redundancy'")
     with ConfigurationError.at("grip"):
         return Grip(reduced, scenario.grip.friction)
-
-
-def _later_ends(scenario: ScenarioFile, context: ControllerContext) -> dict[str, float]:
-    """Values at which references or the plan end after the run, by output."""
-    found, duration = dict[str, float](), context.simulation.seconds
-    if context.plan is not None and scenario.planner is not None and duration < context.plan.duration:
-        found |= scenario.planner.goal
-    for reference, outputs in context.references.values():
-        # An infinite duration, as of a harmonic motion, leads nowhere.
-        if duration < reference.duration < np.inf:
-            ends = reference.at(reference.duration).position.tolist()
-            found |= zip(outputs, ends, strict=True)
-    return found
 
 
 def _initial(scenario: ScenarioFile, reduced: ReducedModel) -> np.ndarray:

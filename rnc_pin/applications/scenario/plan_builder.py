@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rnc_pin.applications.scenario.controllers import feedback
+from rnc_pin.applications.scenario.controllers import ControllerContext, feedback
 from rnc_pin.applications.scenario.schema import ScenarioFile
-from rnc_pin.applications.scenario.schema.motions import OptimalPlanner, VehiclePath
+from rnc_pin.applications.scenario.schema.motions import CostSettings, GuessSettings, OptimalPlanner, VehiclePath
 from rnc_pin.array_shapes import Float
-from rnc_pin.collision import Obstacle, PairSelection
+from rnc_pin.collision import PairSelection
 from rnc_pin.control import SlitheringReference
 from rnc_pin.errors import ConfigurationError, InputError, RncError
-from rnc_pin.model import Kinematics, ReducedModel, Task
+from rnc_pin.model import Kinematics, ReducedModel
 from rnc_pin.motion import optimal
 from rnc_pin.motion.planning import CarPath, Hold, OutputTarget, Reference, SteeringGeometry, Way, find_way
 from rnc_pin.plants import ReducedPlant
@@ -50,29 +50,25 @@ def frame_poses(robot: Robot, frame: str, configurations: np.ndarray) -> FramePo
     return FramePoses(np.column_stack([place[:, :2], heading]), place[:, 2])
 
 
-def task_references(
-    scenario: ScenarioFile, reduced: ReducedModel, task: Task, q0: np.ndarray, motion: optimal.MotionPlan | None
-) -> tuple[dict[str, Reference], tuple[str, ...]]:
-    """References of the task's outputs, and the names of those that the scenario or its plan gives.
+def with_references(context: ControllerContext) -> ControllerContext:
+    """Return the context with the references of the task's outputs: of the file, of the plan, or constant.
 
     Args:
-        scenario: a validated scenario.
-        reduced: its reduced model.
-        task: roles of the outputs.
-        q0: initial configuration (nq,).
-        motion: optimal motion of ``planner``; None without one.
+        context: what the scenario has built so far.
     """
+    scenario, task, motion = context.scenario, context.task, context.plan
     if motion is not None and scenario.reference.path is not None:
         raise ConfigurationError("reference.path: 'planner' plans the motion; remove one of them")
-    said, (x1, x2) = scenario.reference, reduced.at(q0).outputs()
+    said, (x1, x2) = scenario.reference, context.reduced.at(context.q0).outputs()
     followed = frozenset[str]() if scenario.controller is None else scenario.controller.followed
     references: dict[str, Reference] = {}
     given = []
-    for name, settings, start, outputs, coordinates in (
-        ("primary", said.primary, x2[task.primary], task.primary_names, task.primary_coordinates),
-        ("redundant", said.redundant, x2[task.redundant], task.redundant_names, task.redundant_coordinates),
-        ("vertical", said.vertical, x1[task.vertical], task.vertical_names, task.vertical_coordinates),
+    for name, settings, start, coordinates in (
+        ("primary", said.primary, x2[task.primary], task.primary_coordinates),
+        ("redundant", said.redundant, x2[task.redundant], task.redundant_coordinates),
+        ("vertical", said.vertical, x1[task.vertical], task.vertical_coordinates),
     ):
+        outputs = context.names[name]
         try:
             # The file first, then the plan for what the controller follows; what neither gives stays where it is.
             if settings is not None:
@@ -85,42 +81,22 @@ def task_references(
             given.append(name)
         except (ConfigurationError, InputError) as error:
             raise ConfigurationError(f"reference.{name}: {error}") from None
-    return references, tuple(given)
+    return _with_path(replace(context, references=references, given=tuple(given)))
 
 
-@dataclass(frozen=True)
-class PathPlan:
-    """Planned path of a vehicle and its references; all None without a planned path."""
-
-    primary: Reference | None = None
-    """Travelled distance and steering angle."""
-    slithering: SlitheringReference | None = None
-    """Reference of the trailer's heading."""
-    monitored: tuple[np.ndarray, Reference] | None = None
-    """Indices in x1 and reference of the x and y of the frame, for the record."""
-    planned: PlannedPath | None = None
-    """For plots: the frame, and the poses of the path."""
-
-
-def plan_path(scenario: ScenarioFile, reduced: ReducedModel, task: Task, q0: np.ndarray) -> PathPlan:
-    """Plan the path of ``reference.path``.
-
-    Args:
-        scenario: a validated scenario.
-        reduced: its reduced model.
-        task: roles of the outputs.
-        q0: initial configuration (nq,).
-    """
+def _with_path(context: ControllerContext) -> ControllerContext:
+    """Return the context with the path of ``reference.path``, which gives primary reference and trailer's heading."""
+    scenario, reduced, task = context.scenario, context.reduced, context.task
     settings = scenario.reference.path
     if settings is None:
-        return PathPlan()
+        return context
     # Both speed and steering follow from the path, and the trailer's heading: a second reference would contradict.
     if scenario.reference.primary is not None or (settings.trailer and scenario.reference.vertical is not None):
         raise ConfigurationError("reference.path: replaces 'primary' and, with a trailer, 'vertical'; remove those")
     trailer, slithering = settings.trailer, None
     with ConfigurationError.at("reference.path"):
         forward_only = trailer is not None or bool(settings.forward_only)
-        path = _car_path("primary", settings, reduced, q0, task.primary, settings.duration, forward_only)
+        path = _car_path("primary", settings, context, task.primary, settings.duration, forward_only)
         if trailer is not None:
             slithering = SlitheringReference(reduced, task, settings.frame, trailer.frame, trailer.kingpin)
     poses = np.round(path.poses[:: max(1, len(path.poses) // _POINTS)], 5).tolist()  # as much as a plot resolves
@@ -129,19 +105,20 @@ def plan_path(scenario: ScenarioFile, reduced: ReducedModel, task: Task, q0: np.
     if all(name in reduced.vertical.names for name in names):
         monitored = (np.array([reduced.vertical.names.index(name) for name in names]), path.position)
     planned = PlannedPath(settings.frame, tuple((x, y, heading) for x, y, heading in poses))
-    return PathPlan(path.reference, slithering, monitored, planned)
+    references = {**context.references, "primary": path.reference}
+    return replace(context, references=references, slithering=slithering, monitored=monitored, path=planned)
 
 
 def _car_path(
     role: str,
     settings: VehiclePath,
-    reduced: ReducedModel,
-    q0: np.ndarray,
+    context: ControllerContext,
     outputs: np.ndarray,
     duration: float,
     forward_only: bool = False,
 ) -> CarPath:
-    """Path of a vehicle from its pose at q0 (nq,); ``outputs`` (2,) are indices of speed and steering in x2."""
+    """Path of a vehicle from its pose at the start; ``outputs`` (2,) are indices of speed and steering in x2."""
+    reduced, q0 = context.reduced, context.q0
     if len(outputs) != 2 or reduced.reducing.quasi[outputs].tolist() != [True, False]:
         raise ConfigurationError(f"{role} outputs must be forward speed and steering angle, in this order")
     speed, steering = (int(index) for index in outputs)
@@ -155,34 +132,24 @@ def _car_path(
 # ------------------------------------------------------------------ optimal motion
 
 
-class Start(NamedTuple):
-    """Initial state of a run: configuration (nq,) and reduced velocity (r,)."""
-
-    q: np.ndarray
-    v2: np.ndarray
-
-
 _Goal = Mapping[OutputTarget, ArrayLike]
 Plans = dict[str, optimal.MotionPlan]
 """Optimal motions of a scenario and its comparisons by what they solve: equal problems are solved once."""
 
 
-def plan_of_scenario(
-    scenario: ScenarioFile, reduced: ReducedModel, start: Start, obstacles: Sequence[Obstacle], plans: Plans
-) -> optimal.MotionPlan:
-    """Return the optimal motion of a scenario.
+def with_plan(context: ControllerContext, plans: Plans) -> ControllerContext:
+    """Return the context with the optimal motion of ``planner``, and with its duration.
 
     Args:
-        scenario: a validated scenario with a planner.
-        reduced: its reduced model.
-        start: initial state.
-        obstacles: bodies in the world.
+        context: what the scenario has built so far.
         plans: motions so far; a new one is added.
 
     Raises:
         RncError: the settings do not fit the model, or no plan is found.
     """
-    assert scenario.planner is not None
+    scenario = context.scenario
+    if scenario.planner is None:
+        return context
     system = (scenario.robot, scenario.constraints, scenario.mimic, scenario.actuators, scenario.forces)
     problem = (scenario.outputs, scenario.obstacles, scenario.initial, scenario.planner, scenario.seed)
     # Comparisons differ in controllers and gains, rarely in the problem; a plan takes seconds to minutes. All of these
@@ -190,99 +157,94 @@ def plan_of_scenario(
     key = repr((system, problem, _regulator(scenario), scenario.timing.dt, scenario.timing.plant_options))
     if key not in plans:
         with RncError.at("planner"):
-            plans[key] = _Planning(scenario, scenario.planner, reduced, start, obstacles).plan()
-    return plans[key]
+            plans[key] = _plan(context, scenario.planner)
+    return replace(context, plan=plans[key], simulation=scenario.timing.of_plan(plans[key].duration))
 
 
-@dataclass(frozen=True)
-class _Planning:
-    """Optimal motion that is to be found."""
+def _plan(context: ControllerContext, settings: OptimalPlanner) -> optimal.MotionPlan:
+    scenario, reduced, timing = context.scenario, context.reduced, context.scenario.timing
+    kinematic = settings.form == "kinematic"
+    if kinematic and context.v2_0.any():  # velocities are its inputs, which jump
+        raise ConfigurationError("form 'kinematic' starts with any velocity; remove 'initial.v2'")
+    goal = feedback.goal_of(settings.goal, context) or None
+    guess, duration = _first_guess(context, settings, goal)
+    return optimal.plan(
+        reduced,
+        context.q0,
+        goal,
+        duration,
+        costs=list(_costs(context, settings.costs)),
+        bounds=list(feedback.bounds_of(settings, context, settings.accuracy)),
+        limits=None if settings.limits is None else settings.limits.build(),
+        settings=settings.solver,
+        guess=guess,
+        seed=scenario.seed,
+        v2_0=None if kinematic else context.v2_0,
+        **settings.values_of("form", "seeds", "solutions", "at_rest", "time_weight"),
+        # A plan is verified in the loop that will run it.
+        feedback=lambda plan: _regulator(scenario).along(reduced, plan, timing.joint_damping),
+        dt=timing.dt,
+        plant=ReducedPlant(reduced, *timing.plant_options),
+    )
 
-    scenario: ScenarioFile
-    settings: OptimalPlanner
-    reduced: ReducedModel
-    start: Start
-    obstacles: Sequence[Obstacle]
 
-    def plan(self) -> optimal.MotionPlan:
-        scenario, settings, reduced, start = self.scenario, self.settings, self.reduced, self.start
-        kinematic = settings.form == "kinematic"
-        if kinematic and start.v2.any():  # velocities are its inputs, which jump
-            raise ConfigurationError("form 'kinematic' starts with any velocity; remove 'initial.v2'")
-        goal = feedback.goal_of(settings.goal, scenario.listed_outputs, reduced) or None
-        guess, duration = self._first_guess(goal)
-        return optimal.plan(
-            reduced,
-            start.q,
-            goal,
-            duration,
-            costs=list(self._costs()),
-            bounds=list(feedback.bounds_of(settings, reduced, self.obstacles, start.q, settings.accuracy)),
-            limits=None if settings.limits is None else settings.limits.build(),
-            settings=settings.solver,
-            guess=guess,
-            seed=scenario.seed,
-            v2_0=None if kinematic else start.v2,
-            **settings.values_of("form", "seeds", "solutions", "at_rest", "time_weight"),
-            # A plan is verified in the loop that will run it.
-            feedback=lambda plan: _regulator(scenario).along(reduced, plan, scenario.timing.joint_damping),
-            dt=scenario.timing.dt,
-            plant=ReducedPlant(reduced, *scenario.timing.plant_options),
-        )
+def _costs(context: ControllerContext, costs: CostSettings) -> Iterator[optimal.CostKind]:
+    reduced = context.reduced
+    kinds = (
+        (optimal.EffortCost, costs.effort),
+        (optimal.VelocityCost, costs.velocity),
+        (optimal.AccelerationCost, costs.acceleration),
+    )
+    yield from (kind(weight) for kind, weight in kinds if weight is not None)
+    if costs.posture is not None:
+        yield optimal.PostureCost(context.q0, costs.posture)
+    for each in costs.outputs:
+        names = (*reduced.reducing.names, *reduced.vertical.names)
+        feedback.check_output_names("costs.outputs", each.outputs, names)
+        yield each.build()
 
-    def _costs(self) -> Iterator[optimal.CostKind]:
-        costs, reduced = self.settings.costs, self.reduced
-        kinds = (
-            (optimal.EffortCost, costs.effort),
-            (optimal.VelocityCost, costs.velocity),
-            (optimal.AccelerationCost, costs.acceleration),
-        )
-        yield from (kind(weight) for kind, weight in kinds if weight is not None)
-        if costs.posture is not None:
-            yield optimal.PostureCost(self.start.q, costs.posture)
-        for each in costs.outputs:
-            names = (*reduced.reducing.names, *reduced.vertical.names)
-            feedback.check_output_names("costs.outputs", each.outputs, names)
-            yield each.build()
 
-    def _first_guess(self, goal: _Goal | None) -> tuple[Way | np.ndarray | None, float | tuple[float, float]]:
-        """First guess, a way, configurations (n, nq) or None for the straight line, and the duration."""
-        settings, given = self.settings, self.settings.duration
-        duration = (given[0], given[1]) if isinstance(given, list) else given
-        if settings.type == "global":
-            assert goal is not None
-            for each in self.obstacles:
-                if each.motion is not None:
-                    text = f"obstacle '{each.name}' moves, and type 'global' searches a way in a world that stands"
-                    raise ConfigurationError(f"{text}; use type 'optimal', which follows its motion")
-            # As the bounds of the plan: null ignores obstacles, and links count if they are asked for.
-            beside = () if settings.clearance is None else self.obstacles
-            selection, clearance = PairSelection(links=settings.links), settings.clearance or 0.0
-            search = partial(find_way, selection=selection, clearance=clearance, settings=feedback.WAY_SEARCH)
-            way = search(self.reduced, self.start.q, goal, beside, seed=self.scenario.seed)
-            if duration is None:
-                duration = _SLOWER * way.duration
-            return way, duration
-        assert duration is not None
-        return self._guess(goal, float(np.mean(duration))), duration  # of a free one, the middle
+def _first_guess(
+    context: ControllerContext, settings: OptimalPlanner, goal: _Goal | None
+) -> tuple[Way | np.ndarray | None, float | tuple[float, float]]:
+    """First guess, a way, configurations (n, nq) or None for the straight line, and the duration."""
+    given = settings.duration
+    duration = (given[0], given[1]) if isinstance(given, list) else given
+    if settings.type == "global":
+        assert goal is not None
+        for each in context.obstacles:
+            if each.motion is not None:
+                text = f"obstacle '{each.name}' moves, and type 'global' searches a way in a world that stands"
+                raise ConfigurationError(f"{text}; use type 'optimal', which follows its motion")
+        # As the bounds of the plan: null ignores obstacles, and links count if they are asked for.
+        beside = () if settings.clearance is None else context.obstacles
+        selection, clearance = PairSelection(links=settings.links), settings.clearance or 0.0
+        search = partial(find_way, selection=selection, clearance=clearance, settings=feedback.WAY_SEARCH)
+        way = search(context.reduced, context.q0, goal, beside, seed=context.scenario.seed)
+        return way, _SLOWER * way.duration if duration is None else duration
+    assert duration is not None
+    return _guess(context, settings.guess, goal, float(np.mean(duration))), duration  # of a free one, the middle
 
-    def _guess(self, goal: _Goal | None, duration: float) -> np.ndarray | None:
-        """Configurations (n, nq) of the first guess; None for the straight line."""
-        guess, reduced, q = self.settings.guess, self.reduced, self.start.q
-        if guess is None:
-            return None
-        if guess.through is not None:
-            end = optimal.goal_configuration(reduced, q, goal)
-            here = reduced.robot.joint_values(q)
-            return np.array([q, *(reduced.robot.configuration({**here, **each}) for each in guess.through), end])
-        if guess.path is not None:
-            with ConfigurationError.at("guess.path"):
-                path = _car_path("reducing", guess.path, reduced, q, np.arange(reduced.r), duration)
-            return optimal.driven_configurations(reduced, q, path.reference, duration)
-        assert guess.reducing is not None
-        _, x2 = reduced.at(q).outputs()
-        motion = guess.reducing.from_start(x2, reduced.reducing.coordinates)
-        return optimal.driven_configurations(reduced, q, motion, duration)
+
+def _guess(
+    context: ControllerContext, guess: GuessSettings | None, goal: _Goal | None, duration: float
+) -> np.ndarray | None:
+    """Configurations (n, nq) of the first guess; None for the straight line."""
+    reduced, q = context.reduced, context.q0
+    if guess is None:
+        return None
+    if guess.through is not None:
+        end = optimal.goal_configuration(reduced, q, goal)
+        here = reduced.robot.joint_values(q)
+        return np.array([q, *(reduced.robot.configuration({**here, **each}) for each in guess.through), end])
+    if guess.path is not None:
+        with ConfigurationError.at("guess.path"):
+            path = _car_path("reducing", guess.path, context, np.arange(reduced.r), duration)
+        return optimal.driven_configurations(reduced, q, path.reference, duration)
+    assert guess.reducing is not None
+    _, x2 = reduced.at(q).outputs()
+    motion = guess.reducing.from_start(x2, reduced.reducing.coordinates)
+    return optimal.driven_configurations(reduced, q, motion, duration)
 
 
 def _regulator(scenario: ScenarioFile) -> feedback.PlanFeedbackSettings:

@@ -17,7 +17,7 @@ from rnc_pin.applications.scenario import builder
 from rnc_pin.applications.scenario.builder import Experiment
 from rnc_pin.applications.scenario.controllers import without_foreign_gains
 from rnc_pin.applications.scenario.files import find_scenario, is_built_in, read_yaml, with_options
-from rnc_pin.applications.scenario.plan_builder import Plans, Start
+from rnc_pin.applications.scenario.plan_builder import Plans
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.scenario import validate
 from rnc_pin.applications.scenario.schema.world import absolute_files, build_obstacles
@@ -222,12 +222,12 @@ class Scenario(SummaryMixin):
     @property
     def q0(self) -> np.ndarray:
         """Initial configuration (nq,)."""
-        return self._start.q
+        return self._start[0]
 
     @property
     def v2_0(self) -> np.ndarray:
         """Initial reduced velocity (r,)."""
-        return self._start.v2
+        return self._start[1]
 
     @property
     def duration(self) -> float:
@@ -245,7 +245,7 @@ class Scenario(SummaryMixin):
         return self.duration + sum(each.duration for each in self.comparisons.values())
 
     @cached_property
-    def _start(self) -> Start:
+    def _start(self) -> tuple[np.ndarray, np.ndarray]:
         with RncError.at(self._label):
             return builder.start_of(self.content, self.reduced)
 

@@ -120,7 +120,7 @@ def _goal_errors(experiment: Experiment, run: Trajectory, summary: Summary) -> d
     planner, plan = experiment.scenario.planner, experiment.plan
     if planner is None or plan is None or not planner.goal:
         return dict(summary["final_error"])
-    if run.time[-1] < plan.duration - experiment.simulation.dt:  # ``ends`` has the goal
+    if run.time[-1] < plan.duration - experiment.simulation.dt:  # the ends of references have the goal
         return {name: error for name, error in summary["final_error"].items() if name in planner.goal}
     # What moves at its goal goes on after it.
     end = int(np.searchsorted(run.time[:-1], plan.duration - 1e-9))  # the last sample of a run that ends before
@@ -143,13 +143,28 @@ def _unfinished(experiment: Experiment, run: Trajectory) -> Iterator[Finding]:
 
     Who states the duration of a reference and a shorter one of the run wants that. A planned motion may be longer.
     """
-    errors = _away(run, experiment.ends) if experiment.ends and len(run.time) else {}
+    ends = _later_ends(experiment)
+    errors = _away(run, ends) if ends and len(run.time) else {}
     worst = max(errors, key=errors.__getitem__, default="")
     if worst and errors[worst] > experiment.scenario.goal_tolerance:
         time, rest = float(run.time[-1]), f"{worst} is {errors[worst]:.3g} away from where its reference leads"
         message = f"the run ends at t = {time:.4g} s, before its references: {rest}"
         severity = Severity.NOTE if experiment.scenario.planner is None else Severity.DEGRADES
         yield Finding(FindingKind.GOAL, worst, errors[worst], "m or rad", time, severity, message)
+
+
+def _later_ends(experiment: Experiment) -> dict[str, float]:
+    """Values at which references or the plan end after the run, by output."""
+    found, duration = dict[str, float](), experiment.simulation.seconds
+    plan, planner = experiment.plan, experiment.scenario.planner
+    if plan is not None and planner is not None and duration < plan.duration:
+        found |= planner.goal
+    for role, reference in experiment.references.items():
+        # An infinite duration, as of a harmonic motion, leads nowhere.
+        if duration < reference.duration < np.inf:
+            ends = reference.at(reference.duration).position.tolist()
+            found |= zip(experiment.names[role], ends, strict=True)
+    return found
 
 
 def _replay(experiment: Experiment, run: Trajectory, asked: float | None) -> LimitReplay:

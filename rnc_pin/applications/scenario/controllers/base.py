@@ -9,7 +9,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Discriminator, Field, Tag, model_validator
@@ -21,11 +21,14 @@ from rnc_pin.collision import Obstacle
 from rnc_pin.control import Controller, KinematicController, SlitheringReference, VelocityQP, VelocityTarget
 from rnc_pin.errors import ConfigurationError, InfeasibleError, place_of
 from rnc_pin.io import Json, Numbers, Strict, wrong
-from rnc_pin.model import Measurement, NotNegative, OutputKind, Positive, ReducedModel, Task
+from rnc_pin.model import Measurement, NotNegative, Positive, ReducedModel, Task
 from rnc_pin.motion.optimal import MotionPlan
 from rnc_pin.motion.planning import Reference
 from rnc_pin.motion.whole_body import ProgramState
-from rnc_pin.simulation import Margins, margins_along, obstacles_passed
+from rnc_pin.simulation import Margins, PlannedPath, margins_along, obstacles_passed
+
+if TYPE_CHECKING:
+    from rnc_pin.applications.scenario.schema import ScenarioFile
 
 _LONGEST = 350  # letters of the reasons that one error names
 MIN_SINGULAR_VALUE = 0.01
@@ -34,56 +37,80 @@ MIN_SINGULAR_VALUE = 0.01
 
 @dataclass(frozen=True)
 class ControllerContext:
-    """Inputs for building a controller.
+    """What a scenario has built before its controller.
 
     Attributes:
+        scenario: the validated file.
         reduced: the model.
-        task: roles of the outputs.
-        primary, redundant, vertical: references of the task's outputs; constant at the start if not given.
-        given: names of the references that the scenario gives.
         q0: initial configuration, (nq,).
-        v2_0: initial reduced velocity, (r,); None for rest.
-        grip: friction of the wheels on the ground, if the scenario gives it.
+        v2_0: initial reduced velocity, (r,).
+        task: roles of the outputs.
         simulation: duration and steps.
-        preflight: action if a singular configuration is ahead.
-        slithering: reference of a trailer on the path of its tractor, which replaces ``vertical``.
-        obstacles: bodies in the world, for the check before the run.
+        obstacles: bodies in the world.
         plan: optimal motion of ``planner``, if the scenario has one.
-        outputs: outputs of the scenario.
-        monitored: indices in x1 and reference of vertical outputs that are not controlled; for the record only.
+        references: references of the task's outputs by role: ``primary``, ``redundant``, ``vertical``; constant at the
+            start if not given.
+        given: roles of the references that the scenario or its plan gives.
+        slithering: reference of a trailer on the path of its tractor, which replaces the vertical one.
+        monitored: indices in x1 and reference of the x and y of a vehicle on its path; for the record only.
+        path: planned path of a vehicle, for plots.
+        grip: friction of the wheels on the ground, if the scenario gives it.
     """
 
+    scenario: ScenarioFile
     reduced: ReducedModel
-    task: Task
-    primary: Reference
-    redundant: Reference
-    vertical: Reference
-    given: tuple[str, ...]
     q0: np.ndarray
+    v2_0: np.ndarray
+    task: Task
     simulation: SimulationSettings
-    preflight: Literal["warn", "refuse"] = "warn"
-    slithering: SlitheringReference | None = None
-    monitored: tuple[np.ndarray, Reference] | None = None
-    v2_0: np.ndarray | None = None
-    grip: Grip | None = None
     obstacles: tuple[Obstacle, ...] = ()
     plan: MotionPlan | None = None
-    outputs: tuple[OutputKind, ...] = ()
+    references: Mapping[str, Reference] = field(default_factory=dict)
+    given: tuple[str, ...] = ()
+    slithering: SlitheringReference | None = None
+    monitored: tuple[np.ndarray, Reference] | None = None
+    path: PlannedPath | None = None
+    grip: Grip | None = None
 
     @property
-    def references(self) -> dict[str, tuple[Reference, tuple[str, ...]]]:
-        """Reference of the task's outputs by role, and the names of these outputs."""
-        return {
-            "primary": (self.primary, self.task.primary_names),
-            "redundant": (self.redundant, self.task.redundant_names),
-            "vertical": (self.vertical, self.task.vertical_names),
-        }
+    def names(self) -> dict[str, tuple[str, ...]]:
+        """Names of the task's outputs by role."""
+        task = self.task
+        return {"primary": task.primary_names, "redundant": task.redundant_names, "vertical": task.vertical_names}
 
     @property
     def horizon(self) -> float:
         """Time until all references are constant, plus 1 s, at most the duration of the simulation [s]."""
-        longest = max(reference.duration for reference, _ in self.references.values()) + 1.0
+        longest = max(reference.duration for reference in self.references.values()) + 1.0
         return min(self.simulation.seconds, longest)
+
+    def refuse_or_warn(self, complaints: Sequence[str]) -> tuple[str, ...]:
+        """Return the warnings of the check before a run.
+
+        Args:
+            complaints: reasons against the run.
+
+        Raises:
+            InfeasibleError: there are complaints, and ``preflight`` refuses such a run.
+        """
+        if complaints and self.scenario.preflight == "refuse":
+            # An error is one line: of many reasons, the first.
+            shown = 1 if sum(map(len, complaints)) > _LONGEST else len(complaints)
+            rest = len(complaints) - shown
+            more = f"; and {rest} more: 'preflight: warn' shows all" if rest else ""
+            raise InfeasibleError("; ".join(complaints[:shown]) + more)
+        return tuple(complaints)
+
+    def passed_obstacles(self, what: str, times: np.ndarray, configurations: np.ndarray) -> tuple[str, ...]:
+        """Return complaints about a motion through obstacles.
+
+        Args:
+            what: name of the motion, for the messages.
+            times: its times (n,) [s].
+            configurations: its configurations (n, nq).
+        """
+        passed = obstacles_passed(self.reduced.robot, times, configurations, self.obstacles)
+        return tuple(f"{what} passes through obstacle '{each.names[1]}': {each}" for each in passed)
 
 
 @dataclass(frozen=True)
@@ -99,24 +126,6 @@ class BuiltController:
     controller: Controller
     warnings: tuple[str, ...] = ()
     notes: Mapping[str, Json] = field(default_factory=dict)
-
-
-def refuse_or_warn(preflight: Literal["warn", "refuse"], complaints: Sequence[str]) -> tuple[str, ...]:
-    """Return the warnings of the check before a run.
-
-    Args:
-        preflight: action.
-        complaints: reasons against the run.
-
-    Raises:
-        InfeasibleError: there are complaints, and ``preflight`` refuses such a run.
-    """
-    if complaints and preflight == "refuse":
-        # An error is one line: of many reasons, the first.
-        shown = 1 if sum(map(len, complaints)) > _LONGEST else len(complaints)
-        more = f"; and {len(complaints) - shown} more: 'preflight: warn' shows all" if shown < len(complaints) else ""
-        raise InfeasibleError("; ".join(complaints[:shown]) + more)
-    return tuple(complaints)
 
 
 def reduced_velocity(reduced: ReducedModel, rates: Mapping[str, float], key: str) -> np.ndarray:
@@ -158,13 +167,9 @@ def check_motion(
     if isinstance(kinematic, VelocityQP):
         kinematic = _OncePerSample(kinematic)
     margins = margins_along(reduced, kinematic, context.q0, horizon, _ROLLOUT_STEP, task, context.grip)
-    passed = obstacles_passed(reduced.robot, margins.time, margins.q, context.obstacles)
-    complaints = (
-        *margins.complaints(MIN_SINGULAR_VALUE),
-        *(f"the reference passes through obstacle '{each.names[1]}': {each}" for each in passed),
-    )
+    passed = context.passed_obstacles("the reference", margins.time, margins.q)
     try:
-        return margins, refuse_or_warn(context.preflight, complaints)
+        return margins, context.refuse_or_warn((*margins.complaints(MIN_SINGULAR_VALUE), *passed))
     except InfeasibleError as error:
         weakest = margins.stack
         # A caller that searches other references wants the place, and not only the words.
@@ -442,8 +447,8 @@ class AdaptationSettings(ControllerSettings):
         wanted = self.gravity_compensation
         # The paper's gains have no such force. A start in motion is no equilibrium that brakes have held before.
         if wanted is None:
-            starts_at_rest = context.v2_0 is None or not context.v2_0.any()
-            wanted = self.preset == "scaled" and starts_at_rest and control.gravity_loads(context.reduced, context.q0)
+            starts_at_rest = self.preset == "scaled" and not context.v2_0.any()
+            wanted = starts_at_rest and control.gravity_loads(context.reduced, context.q0)
         if not wanted:
             return None
         rest = np.zeros(context.reduced.r)

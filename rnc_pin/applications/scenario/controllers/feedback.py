@@ -19,18 +19,16 @@ from rnc_pin.applications.scenario.controllers.base import (
     ControllerContext,
     ControllerSettings,
     reduced_velocity,
-    refuse_or_warn,
 )
 from rnc_pin.applications.scenario.schema.kinds import OutputItem
 from rnc_pin.applications.scenario.schema.motions import FileLimitSettings, Limits, MotionProblem, WeightSetting
-from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
+from rnc_pin.collision import CollisionDistances, PairSelection
 from rnc_pin.control import ActuatorVelocityController, Controller, KinematicController, StateFeedback
 from rnc_pin.errors import ConfigurationError, RncError, place_of
 from rnc_pin.io import wrong
-from rnc_pin.model import NotNegative, OutputKind, Positive, ReducedModel
+from rnc_pin.model import NotNegative, Positive, ReducedModel
 from rnc_pin.motion import optimal
 from rnc_pin.motion.planning import Joined, OutputTarget, WaySettings, find_way
-from rnc_pin.simulation import obstacles_passed
 
 WAY_SEARCH = WaySettings(seconds=150.0, motions=20_000)
 """Search of a way: the motions end it on a usual computer, a busy one has time."""
@@ -39,47 +37,41 @@ _ACCURACY = optimal.SolverSettings().accuracy  # of a predicted motion [m]
 _FURTHER = 100  # motions that are checked for a faster way to follow
 
 
-def goal_of(
-    given: Mapping[str, float], outputs: Sequence[OutputKind], reduced: ReducedModel
-) -> dict[OutputTarget, ArrayLike]:
+def goal_of(given: Mapping[str, float], context: ControllerContext) -> dict[OutputTarget, ArrayLike]:
     """Goal by output: rows of one output together, so that orientations are whole.
 
     Args:
         given: goal by names of rows.
-        outputs: outputs of the scenario.
-        reduced: the model.
+        context: the model and the outputs of the scenario.
 
     Raises:
         ConfigurationError: a name is unknown.
     """
+    reduced = context.reduced
     names = (*reduced.reducing.names, *reduced.vertical.names)
     check_output_names("goal", given, names)
     goal: dict[OutputTarget, ArrayLike] = {}
     rest, rows = dict(given), iter(names)
     # Rows of a rotation are no separate coordinates: three numbers of one output are one goal on SO(3).
-    for output in outputs:
+    for output in context.scenario.listed_outputs:
         own = [next(rows) for _ in output.bind(reduced.robot).names]
         if len(own) > 1 and all(name in rest for name in own):
             goal[output] = [rest.pop(name) for name in own]
     return goal | rest
 
 
-def bounds_of(
-    settings: MotionProblem, reduced: ReducedModel, obstacles: Sequence[Obstacle], q0: np.ndarray, accuracy: float
-) -> Iterator[optimal.BoundKind]:
+def bounds_of(settings: MotionProblem, context: ControllerContext, accuracy: float) -> Iterator[optimal.BoundKind]:
     """Hard bounds of the settings.
 
     Args:
         settings: settings with bounds and a clearance.
-        reduced: the model.
-        obstacles: bodies in the world.
-        q0: configuration (nq,) at the start of the run.
+        context: the model, its start and the obstacles.
         accuracy: accuracy of motions, by which links stay apart unless they are nearer at the start [m].
 
     Raises:
         ConfigurationError: a name is unknown.
     """
-    bounds = settings.bounds
+    bounds, reduced, q0 = settings.bounds, context.reduced, context.q0
     if bounds.input:
         yield optimal.InputBound(*_limits(bounds.input))
     if bounds.velocity:
@@ -88,8 +80,8 @@ def bounds_of(
         check_output_names("bounds.output", bounds.output, (*reduced.reducing.names, *reduced.vertical.names))
         yield optimal.OutputBound(list(bounds.output), *_limits(bounds.output))
     # Obstacles and links have bounds of their own: clearance is asked for, links only must not come nearer.
-    if settings.clearance is not None and obstacles:
-        beside = CollisionDistances(reduced.robot, obstacles, PairSelection(links=False))
+    if settings.clearance is not None and context.obstacles:
+        beside = CollisionDistances(reduced.robot, context.obstacles, PairSelection(links=False))
         if beside.pairs:
             yield optimal.DistanceBound(beside, settings.clearance)
     geometry = reduced.robot.collision_model if settings.links else None
@@ -173,11 +165,11 @@ class StateFeedbackSettings(ControllerSettings):
             check_sampling(linear, K, context.simulation.dt)
         # References of the task are errors of outputs beside the state; without any, the equilibrium is the goal.
         given = [context.references[role] for role in context.given]
-        names = [name for _, outputs in given for name in outputs]
-        reference = Joined([followed for followed, _ in given]) if given else None
+        names = [name for role in context.given for name in context.names[role]]
+        reference = Joined(given) if given else None
         # Both: the equilibrium may be far from the start, and the run begins at the start.
         near = near_singular("start", reduced, np.stack([context.q0, found.q]))
-        return BuiltController(StateFeedback(linear, K, reference, names), refuse_or_warn(context.preflight, near))
+        return BuiltController(StateFeedback(linear, K, reference, names), context.refuse_or_warn(near))
 
 
 class PlanFeedbackSettings(ControllerSettings):
@@ -223,12 +215,10 @@ class PlanFeedbackSettings(ControllerSettings):
             raise ConfigurationError("controller.type: 'plan_feedback' requires a plan: set 'planner'")
         with ConfigurationError.at("controller"):
             controller = self.along(reduced, plan, context.simulation.joint_damping)
-        passed = obstacles_passed(reduced.robot, plan.time, plan.q, context.obstacles)
-        complaints = (
-            *near_singular("the plan", reduced, plan.q),
-            *(f"the plan passes through obstacle '{each.names[1]}': {each}" for each in passed),
+        passed = context.passed_obstacles("the plan", plan.time, plan.q)
+        return BuiltController(
+            controller, context.refuse_or_warn((*near_singular("the plan", reduced, plan.q), *passed))
         )
-        return BuiltController(controller, refuse_or_warn(context.preflight, complaints))
 
     @model_validator(mode="after")
     def _weights_belong_to_tvlqr(self) -> PlanFeedbackSettings:
@@ -304,9 +294,9 @@ class SetPointSettings(_ToSetPoint):
     def _controller(self, context: ControllerContext) -> Controller:
         made = optimal.SetPointController(
             context.reduced,
-            goal_of(self.goal, context.outputs, context.reduced),
+            goal_of(self.goal, context),
             (self.duration[0], self.duration[1]) if isinstance(self.duration, list) else self.duration,
-            bounds=list(bounds_of(self, context.reduced, context.obstacles, context.q0, self.tolerance)),
+            bounds=list(bounds_of(self, context, self.tolerance)),
             limits=None if self.limits is None else self.limits.build(),
             **self.values_of(*_SET_POINT),
         )
@@ -350,14 +340,14 @@ class PredictiveSettings(_ToSetPoint):
     budget: float | None = None
 
     def _controller(self, context: ControllerContext) -> Controller:
-        goal = goal_of(self.goal, context.outputs, context.reduced)
+        goal = goal_of(self.goal, context)
         cost = optimal.SetPointCost(goal, self.weight, self.velocity_weight, precision=self.precision)
         return optimal.PredictiveController(
             context.reduced,
             [cost, optimal.EffortCost(self.effort)],
             self.horizon,
             form=self.form,
-            bounds=list(bounds_of(self, context.reduced, context.obstacles, context.q0, _ACCURACY)),
+            bounds=list(bounds_of(self, context, _ACCURACY)),
             nodes=self.nodes,
             updates=optimal.UpdateSchedule(self.period, self.iterations, self.delay, self.budget),
             goal=goal if self.equality else None,
@@ -401,6 +391,6 @@ class WayFollowerSettings(_ToGoal):
         # Steering and stops make a short way slow: the fastest of many motions is followed, not the first.
         settings = replace(WAY_SEARCH, improve=_FURTHER)
         search = partial(find_way, settings=settings, seed=self.seed, selection=pairs, clearance=self.clearance)
-        way = search(reduced, context.q0, goal_of(self.goal, context.outputs, reduced), context.obstacles)
+        way = search(reduced, context.q0, goal_of(self.goal, context), context.obstacles)
         own = self.values_of(*optimal.WayFollower.described)
         return ActuatorVelocityController(reduced, optimal.WayFollower(reduced, way, **own))

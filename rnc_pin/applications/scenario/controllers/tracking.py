@@ -84,7 +84,9 @@ class JacobianTransposeSettings(ControllerSettings):
                 context.simulation.dt,
                 control.GainDesign(self.preset, overrides=own),
             )
-        tracker = control.PositionTracker(context.primary, gains, outputs=outputs, angular=task.primary_coordinates)
+        tracker = control.PositionTracker(
+            context.references["primary"], gains, outputs=outputs, angular=task.primary_coordinates
+        )
         return BuiltController(control.JacobianTransposeController(reduced, tracker, self.active))
 
 
@@ -112,7 +114,7 @@ class TwoPhaseSettings(AdaptationSettings):
         hand_gains, platform_gains = self._gains(context)
         force = self.holding_force(context)
         hand = control.PositionTracker(
-            context.primary,
+            context.references["primary"],
             hand_gains,
             angular=task.primary_coordinates,
             gravity_compensation=None if force is None else force[task.primary],
@@ -259,11 +261,11 @@ class RedundancySettings(VelocityTrackerSettings):
         task, posture = context.task, None
         with ConfigurationError.at("controller.posture"):
             if self.posture is not None:
-                posture = control.Posture(task, context.redundant, self.posture.k)
+                posture = control.Posture(task, context.references["redundant"], self.posture.k)
         kinematic = control.RedundancyController(
             task,
-            context.primary,
-            context.vertical,
+            context.references["primary"],
+            context.references["vertical"],
             k3=self._outer_gain("k3", len(task.vertical)),
             k21=self._outer_gain("k21", len(task.primary)),
             secondary=posture,
@@ -287,7 +289,7 @@ class ReducingOutputsSettings(VelocityTrackerSettings):
         task = context.task
         # The controller wants the order of x2, and roles divide it.
         order = np.argsort(np.concatenate([task.primary, task.redundant]))
-        reference = _Reordered(Joined([context.primary, context.redundant]), order)
+        reference = _Reordered(Joined([context.references["primary"], context.references["redundant"]]), order)
         k2 = sized_gain("k21", self.k21, task.r)
         own = {} if k2 is None else {"k2": k2}
         kinematic = control.ReducingOutputController(context.reduced, reference, **own, monitored=context.monitored)
@@ -316,7 +318,7 @@ class SteeringSettings(VelocityTrackerSettings):
             k4=self.outer.k4 if self.k4 is None else self.k4,
             k21=self._outer_gain("k21", len(task.primary)),
         )
-        references = context.primary, context.slithering or context.vertical
+        references = context.references["primary"], context.slithering or context.references["vertical"]
         kinematic = control.SteeringController(context.reduced, task, *references, gains, monitored=context.monitored)
         return self.track(context, kinematic)
 

@@ -12,12 +12,7 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from rnc_pin.applications.scenario.controllers.base import (
-    BuiltController,
-    ControllerContext,
-    ControllerSettings,
-    refuse_or_warn,
-)
+from rnc_pin.applications.scenario.controllers.base import BuiltController, ControllerContext, ControllerSettings
 from rnc_pin.applications.scenario.controllers.tracking import VelocityTrackerSettings
 from rnc_pin.applications.scenario.schema.derived import ClassReader, one_of
 from rnc_pin.applications.scenario.schema.kinds import OutputItem
@@ -268,8 +263,7 @@ class InverseDynamicsSettings(WholeBodySettings):
         with RncError.at("controller.limits"):
             settings = self.values_of("velocity_gain", "friction", "braking_time")
             program = InverseDynamicsQP(reduced, *parts, dt=context.simulation.dt, **settings)
-        v2 = np.zeros(reduced.r) if context.v2_0 is None else context.v2_0
         # Each later step keeps a braking motion if the one before had one: the start has to have one.
-        problem = program.braking_problem(0.0, context.q0, v2)
+        problem = program.braking_problem(0.0, context.q0, context.v2_0)
         unsafe = () if problem is None else (f"no braking motion from the start keeps all limits: {problem}",)
-        return BuiltController(program, refuse_or_warn(context.preflight, unsafe))
+        return BuiltController(program, context.refuse_or_warn(unsafe))
