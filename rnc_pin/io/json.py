@@ -101,18 +101,11 @@ def atomic_file(path: Path, replace: bool = True) -> Iterator[Path]:
 
 
 def _put(source: Path, target: Path, replace: bool) -> None:
-    if replace:
-        os.replace(source, target)
-        return
     try:
-        os.link(source, target)  # unlike rename, link fails if the target exists
-    except FileExistsError:
-        raise _is_there(target) from None
-    except OSError:  # a file system without links
+        if not replace:
+            os.link(source, target)  # unlike rename, link fails if the target exists
+            return
+    except OSError:  # the target exists, or a file system has no links
         if os.path.lexists(target):
-            raise _is_there(target) from None
-        os.replace(source, target)
-
-
-def _is_there(path: Path) -> FileExistsError:
-    return FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path))
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(target)) from None
+    os.replace(source, target)

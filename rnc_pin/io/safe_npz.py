@@ -11,7 +11,7 @@ import zipfile
 from collections.abc import Collection
 from math import prod
 from pathlib import Path
-from typing import IO, NamedTuple
+from typing import IO
 
 import numpy as np
 
@@ -64,17 +64,6 @@ def read_npz(
         raise ArchiveError("cannot be read as .npz") from None
 
 
-class _Header(NamedTuple):
-    shape: tuple[int, ...]
-    by_columns: bool
-    dtype: np.dtype
-
-    @property
-    def size(self) -> int:
-        """Size that the header declares [bytes]."""
-        return self.dtype.itemsize * prod(self.shape)
-
-
 def _arrays(
     archive: zipfile.ZipFile, names: Collection[str] | None, text: Collection[str], largest: int
 ) -> dict[str, np.ndarray]:
@@ -96,41 +85,36 @@ def _arrays(
         if member.compress_type not in methods:
             raise ArchiveError(f"'{name}' has an unsupported compression method")
         with archive.open(member) as file:
-            header = _header(file, name, name in text)
+            shape, _, _, array_size = _header(file, name, name in text)
         # Items of size zero take no bytes but a shape of any size: their number counts too.
-        total += max(header.size, prod(header.shape))
-        if total > largest or (name in text and header.size > text_limit):
-            raise ArchiveError(f"arrays take more than {largest:,} bytes: '{name}' has shape {header.shape}")
-        if member.file_size > header.size + header_limit:
+        total += max(array_size, prod(shape))
+        if total > largest or (name in text and array_size > text_limit):
+            raise ArchiveError(f"arrays take more than {largest:,} bytes: '{name}' has shape {shape}")
+        if member.file_size > array_size + header_limit:
             raise ArchiveError(f"'{name}' is longer than its header declares")
         chosen[name] = member
     return {name: _array(archive, member, name, name in text) for name, member in chosen.items()}
 
 
-def _header(file: IO[bytes], name: str, is_text: bool) -> _Header:
+def _header(file: IO[bytes], name: str, is_text: bool) -> tuple[tuple[int, ...], bool, np.dtype, int]:
+    """Shape, order by columns, type and size [bytes] of an array."""
     if np.lib.format.read_magic(file) != (1, 0):  # later versions allow headers of any length
         raise ArchiveError(f"'{name}' is not an array of numbers")
-    header = _Header(*np.lib.format.read_array_header_1_0(file))
-    if header.dtype.kind not in ("U" if is_text else "fiub"):
+    shape, by_columns, dtype = np.lib.format.read_array_header_1_0(file)
+    if dtype.kind not in ("U" if is_text else "fiub"):
         raise ArchiveError(f"'{name}' holds no {'text' if is_text else 'numbers'}")
     most_axes = 8  # NumPy would take 64, and a run needs few
-    if len(header.shape) > most_axes or min(header.shape, default=0) < 0:
-        raise ArchiveError(f"'{name}' has shape {header.shape}")
-    return header
+    if len(shape) > most_axes or min(shape, default=0) < 0:
+        raise ArchiveError(f"'{name}' has shape {shape}")
+    return shape, by_columns, dtype, dtype.itemsize * prod(shape)
 
 
 def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, name: str, is_text: bool) -> np.ndarray:
-    chunk_size = 2**20  # bytes that are read at once: small beside the limits, large beside the cost of a call
     with archive.open(member) as file:
-        shape, by_columns, dtype = header = _header(file, name, is_text)
-        # Read in chunks: the header may declare more than the file has.
-        content = bytearray()
-        while len(content) < header.size:
-            chunk = file.read(min(chunk_size, header.size - len(content)))
-            if not chunk:
-                raise ArchiveError(f"'{name}' is shorter than its header declares")
-            content += chunk
-        if file.read(1):
-            raise ArchiveError(f"'{name}' is longer than its header declares")
+        shape, by_columns, dtype, size = _header(file, name, is_text)
+        # zipfile takes memory for what it finds, and not for what the header declares; one byte more shows the end.
+        content = file.read(size + 1)
+    if len(content) != size:
+        raise ArchiveError(f"'{name}' is {'shorter' if len(content) < size else 'longer'} than its header declares")
     array = np.frombuffer(content, dtype) if content else np.zeros(prod(shape), dtype)
     return array.reshape(shape, order="F" if by_columns else "C").astype(dtype.newbyteorder("="), copy=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -65,7 +65,7 @@ class BodyTree:
         model = self.robot.model
         joint, name, parent = model.joints[index], str(model.names[index]), model.parents[index]
         kind, placement = joint.shortname(), model.jointPlacements[index]
-        singles = list(_singles(joint))
+        singles = _singles(joint)
         # Joints that are several slides or hinges in MuJoCo, in this order.
         stacks = {"JointModelTranslation": ("slide", "xyz"), "JointModelSphericalZYX": ("hinge", "zyx")}
         if singles:
@@ -84,12 +84,12 @@ class BodyTree:
                 self._plan(joint_coordinates.FreeBase, name, index, placement=placement)
             elif kind == "JointModelSpherical":
                 body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_BALL)
-                self._plan(joint_coordinates.BallJoint, name, index)
+                self._plan(joint_coordinates.EqualCoordinates, name, index, order=(3, 0, 1, 2))  # MuJoCo has w first
             elif kind in stacks:
                 moves, axes = stacks[kind]
                 for axis in axes:
                     _move(body, f"{name}/{axis}", moves == "slide", np.eye(3)["xyz".index(axis)])
-                self._plan(joint_coordinates.EqualCoordinates, f"{name}/{axes[0]}", index)
+                self._plan(joint_coordinates.EqualCoordinates, f"{name}/{axes[0]}", index, order=(0, 1, 2))
             else:
                 raise ConfigurationError(
                     f"MuJoCo has no joint like '{name}' ({kind}): expected a hinge, slide, ball, planar or free base"
@@ -105,7 +105,8 @@ class BodyTree:
         added = _move(body, name, single.slides, single.axis)
         # Joints of a composite have places of their own in q: some have two entries.
         q, v = joint.extract().joints[number].idx_q if number else joint.idx_q, joint.idx_v + number
-        kind = joint_coordinates.ContinuousHinge if single.continuous else joint_coordinates.EqualCoordinates
+        equal = partial(joint_coordinates.EqualCoordinates, order=(0,))
+        kind = joint_coordinates.ContinuousHinge if single.continuous else equal
         self._planned.append((name, partial(kind, name, q, v, 1)))
         if self._limits and not single.continuous:
             model = self.robot.model
@@ -173,15 +174,14 @@ class BodyTree:
         return joints
 
 
-def _singles(joint: pin.JointModel) -> Iterator[_Single]:
-    """Yield the hinges and slides of a joint; nothing if it has other components."""
+def _singles(joint: pin.JointModel) -> list[_Single]:
+    """Hinges and slides of a joint; none if it has other components."""
     if joint.shortname() == "JointModelComposite":
         whole = joint.extract()
-        inner = [_single(each, placement) for each, placement in zip(whole.joints, whole.jointPlacements, strict=True)]
-        if all(inner):
-            yield from (each for each in inner if each)
-    elif single := _single(joint, pin.SE3.Identity()):
-        yield single
+        found = [_single(each, place) for each, place in zip(whole.joints, whole.jointPlacements, strict=True)]
+    else:
+        found = [_single(joint, pin.SE3.Identity())]
+    return [each for each in found if each] if all(found) else []
 
 
 def _single(joint: pin.JointModel, placement: pin.SE3) -> _Single | None:

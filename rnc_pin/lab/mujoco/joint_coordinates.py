@@ -8,9 +8,8 @@ Generalized forces transform by the transpose of the velocity map, since power i
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -19,16 +18,9 @@ import scipy
 from rnc_pin.model.coordinates import heading_of
 
 
-class JointState(NamedTuple):
-    """Configuration and velocity, in Pinocchio or MuJoCo coordinates."""
-
-    q: np.ndarray
-    v: np.ndarray
-
-
 @dataclass(frozen=True)
-class JointCoordinates(ABC):
-    """Conversion of one joint.
+class JointCoordinates:
+    """Place of one joint in the vectors of Pinocchio and of MuJoCo, where its velocities are equal.
 
     Attributes:
         name: joint name.
@@ -44,70 +36,46 @@ class JointCoordinates(ABC):
     qpos: int
     dof: int
 
-    @abstractmethod
-    def write(self, pinocchio: JointState, mujoco: JointState) -> None:
-        """Write a Pinocchio state to MuJoCo's; ``RobotCoordinates`` writes equal velocities.
-
-        Args:
-            pinocchio: state of the robot.
-            mujoco: state that receives the joint.
-        """
-
-    @abstractmethod
-    def read(self, mujoco: JointState, pinocchio: JointState) -> None:
-        """Write a MuJoCo state to Pinocchio's; ``RobotCoordinates`` reads equal velocities.
-
-        Args:
-            mujoco: state of the robot.
-            pinocchio: state that receives the joint.
-        """
-
 
 @dataclass(frozen=True)
 class EqualCoordinates(JointCoordinates):
-    """Joint with equal coordinates in both: hinges, slides, and stacks of them."""
+    """Joint with equal numbers in both: hinges, slides, stacks of them, and quaternions of ball joints."""
 
-    def write(self, pinocchio: JointState, mujoco: JointState) -> None:
-        mujoco.q[self.qpos : self.qpos + self.nv] = pinocchio.q[self.q : self.q + self.nv]
-
-    def read(self, mujoco: JointState, pinocchio: JointState) -> None:
-        pinocchio.q[self.q : self.q + self.nv] = mujoco.q[self.qpos : self.qpos + self.nv]
+    order: tuple[int, ...]
+    """Entry in q of each entry in MuJoCo's positions."""
 
 
-@dataclass(frozen=True)
 class ContinuousHinge(JointCoordinates):
     """Continuous hinge: (cos, sin) in Pinocchio, an unwrapped angle in MuJoCo."""
 
-    def write(self, pinocchio: JointState, mujoco: JointState) -> None:
-        mujoco.q[self.qpos] = np.arctan2(pinocchio.q[self.q + 1], pinocchio.q[self.q])
-
-    def read(self, mujoco: JointState, pinocchio: JointState) -> None:
-        pinocchio.q[self.q], pinocchio.q[self.q + 1] = np.cos(mujoco.q[self.qpos]), np.sin(mujoco.q[self.qpos])
-
 
 @dataclass(frozen=True)
-class BallJoint(JointCoordinates):
-    """Ball joint: both have its angular velocity in the body frame."""
-
-    def write(self, pinocchio: JointState, mujoco: JointState) -> None:
-        mujoco.q[self.qpos : self.qpos + 4] = scalar_first(pinocchio.q[self.q : self.q + 4])
-
-    def read(self, mujoco: JointState, pinocchio: JointState) -> None:
-        pinocchio.q[self.q : self.q + 4] = _scalar_last(mujoco.q[self.qpos : self.qpos + 4])
-
-
-class BaseCoordinates(JointCoordinates):
+class BaseCoordinates(JointCoordinates, ABC):
     """Conversion of a planar or free base, whose velocities differ: MuJoCo has ``velocity_map(qpos) @ v``."""
 
-    def write(self, pinocchio: JointState, mujoco: JointState) -> None:
-        self.write_pose(pinocchio.q[self.q :], mujoco.q[self.qpos :])
-        J = self.velocity_map(mujoco.q[self.qpos :])
-        mujoco.v[self.dof : self.dof + len(J)] = J @ pinocchio.v[self.v : self.v + self.nv]
+    def write(self, q: np.ndarray, v: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> None:
+        """Write a Pinocchio state to MuJoCo's.
 
-    def read(self, mujoco: JointState, pinocchio: JointState) -> None:
-        self.read_pose(mujoco.q[self.qpos :], pinocchio.q[self.q :])
-        J = self.velocity_map(mujoco.q[self.qpos :])  # its columns are orthonormal
-        pinocchio.v[self.v : self.v + self.nv] = mujoco.v[self.dof : self.dof + len(J)] @ J
+        Args:
+            q: configuration (nq,).
+            v: velocity (nv,).
+            qpos, qvel: vectors of MuJoCo, which receive the base.
+        """
+        self.write_pose(q[self.q :], qpos[self.qpos :])
+        J = self.velocity_map(qpos[self.qpos :])
+        qvel[self.dof : self.dof + len(J)] = J @ v[self.v : self.v + self.nv]
+
+    def read(self, qpos: np.ndarray, qvel: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
+        """Write a MuJoCo state to Pinocchio's.
+
+        Args:
+            qpos, qvel: vectors of MuJoCo.
+            q: configuration (nq,), which receives the base.
+            v: velocity (nv,), which receives the base.
+        """
+        self.read_pose(qpos[self.qpos :], q[self.q :])
+        J = self.velocity_map(qpos[self.qpos :])  # its columns are orthonormal
+        v[self.v : self.v + self.nv] = qvel[self.dof : self.dof + len(J)] @ J
 
     def add_force(self, qpos: np.ndarray, force: np.ndarray, applied: np.ndarray) -> None:
         """Add a generalized force of Pinocchio (nv,) to the applied force of MuJoCo.
@@ -202,13 +170,13 @@ class FreePlanarBase(BaseCoordinates):
         heading = heading_of(pose.rotation)
         q[:4] = *pose.translation[:2], np.cos(heading), np.sin(heading)
 
-    def read(self, mujoco: JointState, pinocchio: JointState) -> None:
-        super().read(mujoco, pinocchio)
-        rotation = self.placement.actInv(_pose(mujoco.q[self.qpos :])).rotation
+    def read(self, qpos: np.ndarray, qvel: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
+        super().read(qpos, qvel, q, v)
+        rotation = self.placement.actInv(_pose(qpos[self.qpos :])).rotation
         forward = rotation[:, 0]
-        rate = np.cross(rotation @ mujoco.v[self.dof + 3 : self.dof + 6], forward)
+        rate = np.cross(rotation @ qvel[self.dof + 3 : self.dof + 6], forward)
         # The heading is the direction of the body's x axis along the ground, also of a body that leans.
-        pinocchio.v[self.v + 2] = (forward[0] * rate[1] - forward[1] * rate[0]) / (forward[0] ** 2 + forward[1] ** 2)
+        v[self.v + 2] = (forward[0] * rate[1] - forward[1] * rate[0]) / (forward[0] ** 2 + forward[1] ** 2)
 
     def velocity_map(self, qpos: np.ndarray) -> np.ndarray:
         rotation, placed = _pose(qpos).rotation, self.placement.rotation
@@ -227,12 +195,14 @@ class RobotCoordinates:
     """
 
     def __init__(self, joints: Sequence[JointCoordinates], nq: int, nv: int) -> None:
-        self._joints, self._nq, self._nv = joints, nq, nv
+        self._nq, self._nv = nq, nv
         self._bases = [joint for joint in joints if isinstance(joint, BaseCoordinates)]
-        equal = [joint for joint in joints if not isinstance(joint, BaseCoordinates)]
+        equal = [joint for joint in joints if isinstance(joint, EqualCoordinates)]
+        turning = [joint for joint in joints if isinstance(joint, ContinuousHinge)]
         # In one call for all joints but bases: they are read and written at each step.
-        self._v = np.array([joint.v + k for joint in equal for k in range(joint.nv)], dtype=int)
-        self._dof = np.array([joint.dof + k for joint in equal for k in range(joint.nv)], dtype=int)
+        self._v, self._dof = _paired((each.v + k, each.dof + k) for each in [*equal, *turning] for k in range(each.nv))
+        self._q, self._qpos = _paired((each.q + i, each.qpos + k) for each in equal for k, i in enumerate(each.order))
+        self._cosine, self._angle = _paired((each.q, each.qpos) for each in turning)
 
     def write(self, q: np.ndarray, v: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> None:
         """Write a Pinocchio state to MuJoCo's vectors.
@@ -242,9 +212,10 @@ class RobotCoordinates:
             v: velocity (nv,).
             qpos, qvel: vectors of MuJoCo, which receive the state.
         """
-        qvel[self._dof] = v[self._v]
-        for joint in self._joints:
-            joint.write(JointState(q, v), JointState(qpos, qvel))
+        qpos[self._qpos], qvel[self._dof] = q[self._q], v[self._v]
+        qpos[self._angle] = np.arctan2(q[self._cosine + 1], q[self._cosine])
+        for base in self._bases:
+            base.write(q, v, qpos, qvel)
 
     def read(self, qpos: np.ndarray, qvel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return MuJoCo's state as q (nq,) and v (nv,) of Pinocchio.
@@ -252,11 +223,12 @@ class RobotCoordinates:
         Args:
             qpos, qvel: vectors of MuJoCo.
         """
-        pinocchio = JointState(np.zeros(self._nq), np.zeros(self._nv))
-        pinocchio.v[self._v] = qvel[self._dof]
-        for joint in self._joints:
-            joint.read(JointState(qpos, qvel), pinocchio)
-        return pinocchio
+        q, v = np.zeros(self._nq), np.zeros(self._nv)
+        q[self._q], v[self._v] = qpos[self._qpos], qvel[self._dof]
+        q[self._cosine], q[self._cosine + 1] = np.cos(qpos[self._angle]), np.sin(qpos[self._angle])
+        for base in self._bases:
+            base.read(qpos, qvel, q, v)
+        return q, v
 
     def add_force(self, qpos: np.ndarray, force: np.ndarray, applied: np.ndarray) -> None:
         """Add a generalized force (nv,) to the applied force of MuJoCo.
@@ -271,6 +243,11 @@ class RobotCoordinates:
             # Most forces act on joints: a base is asked for its rotation only where one acts on it.
             if force[joint.v : joint.v + joint.nv].any():
                 joint.add_force(qpos, force, applied)
+
+
+def _paired(pairs: Iterable[tuple[int, int]]) -> np.ndarray:
+    """Indices (2, k) of entries in the vectors of Pinocchio and of MuJoCo."""
+    return np.array([*pairs], dtype=int).reshape(-1, 2).T
 
 
 def scalar_first(quaternion: np.ndarray) -> np.ndarray:
