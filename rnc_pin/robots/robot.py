@@ -27,6 +27,8 @@ from rnc_pin.robots.sources.urdf import read_urdf
 from rnc_pin.robots.sources.urdf_links import STAND_IN
 
 Base = Literal["fixed", "planar", "free"]
+Load = Callable[[str], pin.GeometryModel | None]
+"""Function for the geometry of a kind, "visual" or "collision"."""
 
 
 class Robot(NamedModel, SummaryMixin):
@@ -71,8 +73,8 @@ class Robot(NamedModel, SummaryMixin):
         collision_model: pin.GeometryModel | None = None,
     ) -> None:
         super().__init__(model)
-        self._geometry = LazyGeometry(visual=visual_model, collision=collision_model)
-        self._lost: Callable[[str], Mapping[str, tuple[str, ...]]] | None = None
+        self._geometry = LazyGeometry({"visual": visual_model, "collision": collision_model}.get)
+        self._lost: Mapping[str, Mapping[str, tuple[str, ...]]] = {}
         self.mimics: tuple[Mimic, ...] = ()
         self.closures: tuple[Closure, ...] = ()
         self.references: Mapping[str, float] = {}
@@ -177,8 +179,8 @@ class Robot(NamedModel, SummaryMixin):
         if gravity is not None:
             model.gravity.linear = check_acceleration(gravity)
         if lock:
-            geometry = partial(_locked_geometry, geometry, model, dict(lock))
-            model, _ = locked_model(model, lock)
+            change = partial(locked_model, model, dict(lock))
+            geometry, (model, _) = partial(_changed_geometry, change, [geometry]), change()
         try:
             robot = cls(model)
         except UselessInertia as error:
@@ -243,9 +245,10 @@ class Robot(NamedModel, SummaryMixin):
             raise ModelError(
                 f"robot '{other.name}' has a moving base: load it with {argument('base', 'fixed')} to mount it"
             )
-        models, geometries = (self.model, other.model), (self._geometry, other._geometry)
-        robot = Robot(attached_model(*models, index, placement)[0])
-        robot._geometry = LazyGeometry(partial(_attached_geometry, models, geometries, index, placement))
+        change = partial(attached_model, self.model, other.model, index, placement)
+        robot = Robot(change()[0])
+        loads = [self._geometry.get, other._geometry.get]
+        robot._geometry = LazyGeometry(partial(_changed_geometry, change, loads))
         robot.mimics = (*self.mimics, *other.mimics)
         # The mounted robot moves with its carrier: a loop with the world of its own file no longer holds.
         robot.closures = (*self.closures, *(each for each in other.closures if "universe" not in each[:2]))
@@ -321,7 +324,7 @@ class Robot(NamedModel, SummaryMixin):
             kind: geometry that the meshes belong to.
         """
         self._geometry.get(kind)
-        return {} if self._lost is None else self._lost(kind)
+        return self._lost.get(kind, {})
 
     # ------------------------------------------------------------------ print
 
@@ -333,23 +336,16 @@ class Robot(NamedModel, SummaryMixin):
 class LazyGeometry:
     """Visual and collision geometry of a model.
 
-    Meshes are slow to load, and a run without pictures needs none. A pickle or copy omits geometry that can be loaded
-    again, because meshes are large.
+    Meshes are slow to load, and a run without pictures needs none. A pickle or copy loads them again, because they are
+    large.
 
     Args:
-        load: function that loads the geometry of a kind, "visual" or "collision"; None if there is none to load.
-        visual: visual geometry, if it is there already.
-        collision: collision geometry, if it is there already.
+        load: function that loads the geometry of a kind, "visual" or "collision"; None if there is none.
     """
 
-    def __init__(
-        self,
-        load: Callable[[str], pin.GeometryModel] | None = None,
-        visual: pin.GeometryModel | None = None,
-        collision: pin.GeometryModel | None = None,
-    ) -> None:
+    def __init__(self, load: Load) -> None:
         self._load = load
-        self._models = {"visual": visual, "collision": collision}
+        self._models: dict[str, pin.GeometryModel | None] = {}
 
     def get(self, kind: str) -> pin.GeometryModel | None:
         """Geometry of a kind, or None.
@@ -357,45 +353,44 @@ class LazyGeometry:
         Args:
             kind: "visual" or "collision".
         """
-        if self._models[kind] is None and self._load is not None:
+        if kind not in self._models:
             self._models[kind] = self._load(kind)
         return self._models[kind]
 
     def __getstate__(self) -> dict[str, object]:
         """Return the state for pickle and copy."""
-        state = dict(self.__dict__)
-        if self._load is not None:
-            # Geometry without a loader cannot be made again: it stays in the pickle.
-            state["_models"] = dict.fromkeys(self._models)
-        return state
+        return {"_load": self._load, "_models": {}}
+
+
+def _changed_geometry(
+    change: Callable[[Sequence[pin.GeometryModel | None]], tuple[pin.Model, pin.GeometryModel]],
+    loads: Sequence[Load],
+    kind: str,
+) -> pin.GeometryModel:
+    """Geometry of a kind after a change of models, such as ``locked_model``."""
+    return change([load(kind) for load in loads])[1]
 
 
 def locked_model(
-    model: pin.Model, lock: Mapping[str, JointValue], geometry: pin.GeometryModel | None = None
+    model: pin.Model, lock: Mapping[str, JointValue], shapes: Sequence[pin.GeometryModel | None] = (None,)
 ) -> tuple[pin.Model, pin.GeometryModel]:
     """Return a model without the locked joints, with its geometry. Each link keeps a record of its own inertia.
 
     Args:
         model: the full model; it is not changed.
         lock: joint name to value of each locked joint [rad or m].
-        geometry: geometry of the full model; none by default.
+        shapes: geometry of the full model; none by default.
     """
     named = NamedModel(model)
     joints = [named.joint_id(name) for name in lock]
     if "root_joint" in lock and model.joints[named.joint_id("root_joint")].nv > 1:
         raise ModelError(f"'root_joint' cannot be locked: load the robot with {argument('base', 'fixed')} instead")
     # Pinocchio reduces model and geometry in one call, so the model is reduced again for each kind of geometry.
-    found, shapes = _built(pin.buildReducedModel, [model], [geometry], joints, named.configuration(lock))
+    found, geometry = _built(pin.buildReducedModel, [model], shapes, joints, named.configuration(lock))
     for name, joint in zip(lock, joints, strict=True):
         # Pinocchio gives the frame of a locked joint the inertia of all links that the joint moved.
         found.frames[found.getFrameId(name, pin.FrameType.FIXED_JOINT)].inertia = _moved_link(model, joint)
-    return found, shapes
-
-
-def _locked_geometry(
-    load: Callable[[str], pin.GeometryModel], model: pin.Model, lock: Mapping[str, JointValue], kind: str
-) -> pin.GeometryModel:
-    return locked_model(model, lock, load(kind))[1]
+    return found, geometry
 
 
 def attached_model(
@@ -428,16 +423,6 @@ def attached_model(
     model.name = f"{carrier.name} with {other.name}"
     model.gravity = carrier.gravity  # appendModel takes the gravity of the second
     return model, geometry
-
-
-def _attached_geometry(
-    models: tuple[pin.Model, pin.Model],
-    geometries: tuple[LazyGeometry, LazyGeometry],
-    frame: int,
-    placement: pin.SE3 | None,
-    kind: str,
-) -> pin.GeometryModel:
-    return attached_model(*models, frame, placement, [each.get(kind) for each in geometries])[1]
 
 
 def _built(

@@ -79,7 +79,7 @@ class Description:
     Attributes:
         model: the model; mimic joints are independent joints of it.
         geometry: function that loads the geometry of a kind, "visual" or "collision", with its meshes.
-        lost: function for the names of the meshes that ``geometry`` of a kind left out, by link.
+        lost: kind of geometry to the names of the meshes that ``geometry`` left out, by link.
         mimics: mimic joints of the file.
         bodies: links of a URDF, which can be given masses.
         packages: name to folder of the packages that the file names and that were found.
@@ -91,7 +91,7 @@ class Description:
 
     model: pin.Model
     geometry: Callable[[str], pin.GeometryModel]
-    lost: Callable[[str], Mapping[str, tuple[str, ...]]] | None = None
+    lost: Mapping[str, Mapping[str, tuple[str, ...]]] = field(default_factory=dict)
     mimics: tuple[Mimic, ...] = ()
     bodies: Mapping[str, Body] = field(default_factory=dict)
     packages: Mapping[str, Path] = field(default_factory=dict)

@@ -6,6 +6,7 @@ Pinocchio, coal, MuJoCo and the viewers receive only checked results.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,10 +22,10 @@ from rnc_pin.robots.sources.mesh_readers import FARTHEST, Mesh, MeshError
 
 FORMATS: Mapping[str, Callable[[bytes], Mesh]] = {
     ".dae": readers.read_collada,
-    ".glb": readers.read_glb,
-    ".gltf": readers.read_gltf,
+    ".glb": partial(readers.read_by_trimesh, "glb"),
+    ".gltf": partial(readers.read_by_trimesh, "gltf"),
     ".obj": readers.read_obj,
-    ".ply": readers.read_ply,
+    ".ply": partial(readers.read_by_trimesh, "ply"),
     ".stl": readers.read_stl,
 }
 """File suffix to reader of each supported format."""
@@ -83,6 +84,14 @@ class LoadedMesh(NamedTuple):
     scale: np.ndarray
     shape: coal.BVHModelBase
 
+    def replace(self, placeholder: pin.GeometryObject) -> None:
+        """Put the mesh in the place of another shape.
+
+        Args:
+            placeholder: shape in a geometry model, changed in place.
+        """
+        placeholder.geometry, placeholder.meshPath, placeholder.meshScale = self.shape, self.file, self.scale
+
 
 class MeshShapes:
     """Factory of shapes. Each file is read once, and each scale of it is built once."""
@@ -111,26 +120,42 @@ class MeshShapes:
         mesh = self._meshes[file]
         if isinstance(mesh, MeshError):
             raise mesh
-        return self.make(mesh, scale, str(file))
+        factors = np.ones(3) if scale is None else read_numbers(scale, 3)
+        if factors is None:
+            raise MeshError(f"scale takes three numbers that are not zero, found '{str(scale)[:40]}'")
+        return self.make(mesh, factors, str(file))
 
-    def make(self, mesh: Mesh, scale: str | None, file: str = "") -> LoadedMesh:
-        """Return the shape of a mesh. Arguments and errors are as for ``load``.
+    def count(self, mesh: Mesh) -> None:
+        """Refuse a mesh that is too large together with those before; each has its own limit too.
 
         Args:
             mesh: checked triangles.
-            scale: three factors, as text of the description; None for ones.
-            file: path of the file, for the viewers; empty for triangles in the description.
         """
-        factors = np.ones(3) if scale is None else read_numbers(scale, 3)
-        if factors is None or not factors.all():
-            raise MeshError(f"scale takes three numbers that are not zero, found '{str(scale)[:40]}'")
         self._count += len(mesh.triangles)
         if self._count > MOST_TOGETHER:
             raise MeshError(f"more than {MOST_TOGETHER:,} triangles in the meshes of the robot")
+
+    def make(self, mesh: Mesh, factors: np.ndarray, file: str) -> LoadedMesh:
+        """Return the shape of a mesh. Errors are as for ``load``.
+
+        Args:
+            mesh: checked triangles.
+            factors: scale (3,).
+            file: path of the file, for the viewers; empty for triangles in the description.
+        """
+        if not factors.all():
+            raise MeshError(f"scale takes three numbers that are not zero, found {factors.tolist()}")
+        self.count(mesh)
         # The mesh stays in this object, so the id of its vertices is not used again.
         key = (id(mesh.vertices), *factors.tolist())
         if key not in self._shapes:
-            self._shapes[key] = _shape(mesh, factors)
+            vertices, shape = scaled_vertices(mesh, factors), coal.BVHModelOBBRSS()
+            shape.beginModel(len(mesh.triangles), len(vertices))
+            shape.addVertices(vertices)
+            shape.addTriangles(mesh.triangles.astype(np.uint64))
+            shape.endModel()
+            shape.computeLocalAABB()
+            self._shapes[key] = shape
         return LoadedMesh(file, factors, self._shapes[key])
 
 
@@ -149,27 +174,3 @@ def scaled_vertices(mesh: Mesh, factors: np.ndarray) -> np.ndarray:
     if not np.isfinite(vertices).all() or np.abs(vertices).max() > FARTHEST:
         raise MeshError(f"its scale puts vertices beyond {FARTHEST:g}")
     return np.asarray(vertices)
-
-
-def _shape(mesh: Mesh, factors: np.ndarray) -> coal.BVHModelBase:
-    vertices = scaled_vertices(mesh, factors)
-    shape = coal.BVHModelOBBRSS()
-    shape.beginModel(len(mesh.triangles), len(vertices))
-    shape.addVertices(vertices)
-    shape.addTriangles(mesh.triangles.astype(np.uint64))
-    shape.endModel()
-    shape.computeLocalAABB()
-    return shape
-
-
-def put_in(geometry: pin.GeometryModel, meshes: Mapping[str, LoadedMesh]) -> None:
-    """Replace the placeholders in a geometry model by their meshes, by name of the shape.
-
-    Args:
-        geometry: geometry model with placeholders, changed in place.
-        meshes: mesh of each shape that is one.
-    """
-    for shape in geometry.geometryObjects:
-        mesh = meshes.get(shape.name)
-        if mesh is not None:
-            shape.geometry, shape.meshPath, shape.meshScale = mesh.shape, mesh.file, mesh.scale

@@ -12,10 +12,9 @@ import logging
 import re
 import warnings
 from array import array
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
-from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -25,10 +24,6 @@ from numpy.typing import ArrayLike
 from rnc_pin.array_shapes import Float, Int
 from rnc_pin.errors import missing_extra
 from rnc_pin.io.safe_read import parse_tree
-
-if TYPE_CHECKING:
-    from trimesh import Scene
-
 
 FARTHEST = 1e15
 """Largest coordinate of a vertex, the same as for all distances in a description."""
@@ -300,22 +295,18 @@ def read_stl(content: bytes) -> Mesh:
         check_counts(0, count)
         corners = np.frombuffer(content, _FACET, count, head)["corners"].reshape(-1, 3).astype(float)
     elif content.lstrip()[:5].lower() == b"solid":
-        corners = _text(content)
+        ends = array("d")
+        for match in _VERTEX.finditer(content):
+            ends.extend(map(float, match.groups()))
+            check_counts(0, len(ends) // 9)
+        if len(ends) % 9:
+            raise MeshError("a facet does not have three vertices")
+        corners = np.frombuffer(ends, dtype=float).reshape(-1, 3)
     else:
         room = max(0, len(content) - head) // _FACET.itemsize
         raise MeshError(f"STL of {len(content):,} bytes: room for {room:,} triangles, declared {count:,}")
     points, indices = merged(corners)
     return checked_mesh(points, indices.reshape(-1, 3))
-
-
-def _text(content: bytes) -> np.ndarray:
-    corners = array("d")
-    for match in _VERTEX.finditer(content):
-        corners.extend(map(float, match.groups()))
-        check_counts(0, len(corners) // 9)
-    if len(corners) % 9:
-        raise MeshError("a facet does not have three vertices")
-    return np.frombuffer(corners, dtype=float).reshape(-1, 3)
 
 
 # ---------------------------------------------------------------------- Collada
@@ -376,13 +367,6 @@ class _ColladaScene:
             raise MeshError(f"<{element.tag}> names '{name[:40]}', which is not in the file")
         return self._ids[name[1:]]
 
-    def _nodes_of(self, node: ElementTree.Element) -> Iterator[ElementTree.Element]:
-        for part in node:
-            if part.tag == "instance_node":
-                yield self._named(part, "url")
-            elif part.tag == "node":
-                yield part
-
     def _placed(
         self, node: ElementTree.Element, placement: np.ndarray, depth: int
     ) -> Iterator[tuple[Mesh, np.ndarray]]:
@@ -402,8 +386,10 @@ class _ColladaScene:
         for part in node.findall("instance_geometry"):
             for mesh in self._geometry(part.get("url", ""), self._named(part, "url")):
                 yield mesh, placement
-        for each in self._nodes_of(node):
-            yield from self._placed(each, placement, depth + 1)
+        for part in node:
+            if part.tag in ("node", "instance_node"):
+                inside = part if part.tag == "node" else self._named(part, "url")
+                yield from self._placed(inside, placement, depth + 1)
 
     def _geometry(self, name: str, geometry: ElementTree.Element) -> list[Mesh]:
         """Return the meshes of a geometry; each is read once."""
@@ -494,58 +480,23 @@ def _primitive(primitive: ElementTree.Element) -> np.ndarray:
 # ---------------------------------------------------------------------- trimesh
 
 
-def read_gltf(content: bytes) -> Mesh:
-    """Read a glTF file with embedded data.
+def read_by_trimesh(kind: str, content: bytes) -> Mesh:
+    """Read a GLB file, a glTF file with embedded data, or a PLY file. Points and lines are not read.
 
     Args:
-        content: content of the file, JSON.
-
-    Raises:
-        MeshError: not well formed, compressed, too large, or with data in other files.
-    """
-    _check_installed()
-    _check_document(content, len(content))
-    return _mesh_of(_scene(content, "gltf"))
-
-
-def read_glb(content: bytes) -> Mesh:
-    """Read a GLB file. Errors are as for ``read_gltf``.
-
-    Args:
-        content: content of the file.
-    """
-    _check_installed()
-    # The header has twelve bytes; then each chunk begins with its size and its type.
-    size, kind = (int(each) for each in np.frombuffer(content, "<u4", 2, 12))
-    json_chunk = 0x4E4F534A  # type of the first chunk of a GLB
-    if kind != json_chunk or size > len(content) - 20:
-        raise MeshError(f"a chunk of {size:,} bytes in a file of {len(content):,}")
-    _check_document(content[20 : 20 + size], len(content))
-    return _mesh_of(_scene(content, "glb"))
-
-
-def read_ply(content: bytes) -> Mesh:
-    """Read a PLY file.
-
-    Args:
+        kind: "glb", "gltf" or "ply".
         content: content of the file.
 
     Raises:
-        MeshError: the file is shorter or longer than its header says, or not well formed.
+        MeshError: trimesh is not installed; or the file is not well formed, compressed, too large, shorter or longer
+            than its header says, or has data in other files.
     """
-    _check_installed()
-    _check_header(content)
-    return _mesh_of(_scene(content, "ply"))
-
-
-def _check_installed() -> None:
-    if find_spec("trimesh") is None:
-        raise MeshError(missing_extra("meshes"))
-
-
-def _scene(content: bytes, kind: str) -> Scene:
-    import trimesh
-
+    try:
+        import trimesh
+    except ImportError:
+        raise MeshError(missing_extra("meshes")) from None
+    checks: Mapping[str, Callable[[bytes], None]] = {"glb": _check_glb, "gltf": _check_gltf, "ply": _check_ply}
+    checks[kind](content)
     log = logging.getLogger("trimesh")
     level = log.level
     log.setLevel(logging.CRITICAL)  # the error says it
@@ -554,15 +505,11 @@ def _scene(content: bytes, kind: str) -> Scene:
         warnings.filterwarnings("error", "string or file could not be read")  # words in place of numbers
         try:
             # Without processing: merging vertices and dropping faces is done here, after the checks.
-            return trimesh.load_scene(io.BytesIO(content), file_type=kind, process=False, skip_materials=True)
+            scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, process=False, skip_materials=True)
         except Exception:  # any: trimesh checks little
             raise MeshError(f"not well-formed {kind.upper()}") from None
         finally:
             log.setLevel(level)
-
-
-def _mesh_of(scene: Scene) -> Mesh:
-    """Triangles of all nodes; points and lines have none."""
     read = {
         name: checked_mesh(found.vertices, found.faces)
         for name, found in scene.geometry.items()
@@ -572,13 +519,18 @@ def _mesh_of(scene: Scene) -> Mesh:
     return scene_mesh((read[name], placement) for placement, name in placed if name in read)
 
 
-def _check_document(text: bytes, size: int) -> None:
-    """Refuse a glTF document before trimesh makes arrays of it.
+def _check_glb(content: bytes) -> None:
+    # The header has twelve bytes; then each chunk begins with its size and its type.
+    size, kind = (int(each) for each in np.frombuffer(content, "<u4", 2, 12))
+    json_chunk = 0x4E4F534A  # type of the first chunk of a GLB
+    if kind != json_chunk or size > len(content) - 20:
+        raise MeshError(f"a chunk of {size:,} bytes in a file of {len(content):,}")
+    _check_gltf(content[20 : 20 + size], len(content))
 
-    Args:
-        text: the JSON.
-        size: bytes of the whole file.
-    """
+
+def _check_gltf(text: bytes, size: int | None = None) -> None:
+    """Refuse the JSON of a glTF, in a file of ``size`` bytes, before trimesh makes arrays of it."""
+    size = size or len(text)
     most_parts = 2_000_000  # of the JSON: each part takes more memory than its text
     if sum(map(text.count, (b"[", b"{", b","))) > most_parts:
         raise MeshError(f"JSON of more than {most_parts:,} parts")
@@ -620,7 +572,7 @@ def _check_primitives(document: Mapping[str, Any]) -> None:
     check_counts(0, sum(triangles[each] for each in used))
 
 
-def _check_header(content: bytes) -> None:
+def _check_ply(content: bytes) -> None:
     """Refuse a PLY file whose header is wrong, or says more than there is."""
     header_limit = 1 << 16  # bytes
     end = content.find(b"end_header", 0, header_limit)

@@ -276,16 +276,13 @@ class MeshAssets:
         needed = {geom.meshname for body in bodies[1:] for geom in body.geoms}
         # Primitives that are fitted to a mesh take its size.
         needed |= {geom.meshname for geom in spec.geoms if geom.type != _MESH}
-        count, flat = 0, set[str]()
+        shapes, flat = mesh_formats.MeshShapes(), set[str]()
         for mesh in spec.meshes:
             if mesh.name not in needed:
                 continue
             try:
                 found = self._read(mesh.name)
-                # Each mesh has its own limit; many of them together could still fill the memory.
-                count += len(found.triangles)
-                if count > mesh_formats.MOST_TOGETHER:
-                    raise MeshError(f"more than {mesh_formats.MOST_TOGETHER:,} triangles in the meshes of the robot")
+                shapes.count(found)
                 if _is_flat(found, np.array(mesh.scale)):
                     flat.add(mesh.name)
             except MeshError as error:
@@ -306,16 +303,12 @@ class MeshAssets:
         """
         shapes, read = mesh_formats.MeshShapes(), dict[str, Mesh]()
         for name, factors in uses:
-            scale = " ".join(map(repr, factors.tolist()))
             attributes = self._attributes[name]
             try:
-                # A file as it stands is shared by path; one that the description moves has to be a mesh of its own.
-                if "file" in attributes and not _MOVED & set(attributes):
-                    yield shapes.load(Path(attributes["file"]), scale)
-                    continue
                 if name not in read:
                     read[name] = self._read(name)
-                yield shapes.make(read[name], scale)
+                # Viewers share a file as it stands by its path; one that the description moves is a mesh of its own.
+                yield shapes.make(read[name], factors, "" if _MOVED & set(attributes) else attributes.get("file", ""))
             except MeshError as error:
                 raise ModelError(f"{self._path}: mesh '{name}': {error}") from None
 
@@ -412,8 +405,7 @@ class MjcfGeometry:
         """
         geometry, places = self._models[kind].copy(), self._meshes[kind]
         for place, mesh in zip(places, self._assets.load([*places.values()]), strict=True):
-            shape = geometry.geometryObjects[place]
-            shape.geometry, shape.meshPath, shape.meshScale = mesh.shape, mesh.file, mesh.scale
+            mesh.replace(geometry.geometryObjects[place])
         return geometry
 
     def _add(self, compiled: mujoco.MjModel, k: int, built: ModelBuilder) -> None:

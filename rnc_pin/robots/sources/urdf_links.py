@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from copy import deepcopy
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,7 +22,7 @@ from rnc_pin.robots import robot_files
 from rnc_pin.robots.sources import description
 
 if TYPE_CHECKING:  # robots that nobody draws start without it
-    from rnc_pin.robots.sources.mesh_formats import LoadedMesh, MeshShapes
+    from rnc_pin.robots.sources.mesh_formats import LoadedMesh
 
 STAND_IN = "_stand_in"
 """Suffix of the names of boxes that replace meshes; Pinocchio's own names of shapes end in a number."""
@@ -37,12 +37,15 @@ class Meshes:
         root: root element; names of files that are found become absolute paths.
         path: path of the file, for messages.
         packages: locations of packages, and folders whose files may be named.
+
+    Attributes:
+        lost: kind of geometry to the names of the meshes that ``geometry`` left out, by link.
     """
 
     def __init__(self, root: ElementTree.Element, path: Path, packages: robot_files.Packages) -> None:
         self._root, self._path = root, path
         self._missing: dict[str, str] = {}  # file name to its expected package or folder
-        self._lost: dict[str, dict[str, tuple[str, ...]]] = {kind: {} for kind in _GEOMETRY}
+        self.lost: dict[str, dict[str, tuple[str, ...]]] = {kind: {} for kind in _GEOMETRY}
         self._warned = False
         for element in root.iter():
             if element.tag not in ("mesh", "texture") or "filename" not in element.attrib:
@@ -66,71 +69,49 @@ class Meshes:
         Raises:
             ModelError: a shape other than a mesh cannot be built.
         """
-        from rnc_pin.robots.sources.mesh_formats import MeshShapes, put_in
+        from rnc_pin.robots.sources.mesh_formats import MeshShapes
+        from rnc_pin.robots.sources.mesh_readers import MeshError
 
         # The other kind of geometry needs the elements that are removed here.
-        root = deepcopy(self._root)
-        missing, faults = set[str](), dict[str, str]()
-        shapes, bare = MeshShapes(), dict[str, ElementTree.Element]()
-        loaded: dict[str, LoadedMesh] = {}
-        gone: dict[str, tuple[str, ...]] = {}
+        root, shapes, faults = deepcopy(self._root), MeshShapes(), dict[str, str]()
+        loaded, bare = dict[str, LoadedMesh](), dict[str, ElementTree.Element]()
+        gone = self.lost[kind] = {}
         for link in root.findall("link"):
             name, kept = str(link.get("name")), 0
             for shape in link.findall(kind):
                 mesh = _mesh_of(shape)
-                # Pinocchio numbers the shapes of a link that stay: a mesh that is left out must not count.
-                found = None if mesh is None else self._load(mesh, shapes, missing, faults)
-                if mesh is not None and found is None:
-                    link.remove(shape)
-                    gone[name] = (*gone.get(name, ()), Path(mesh.get("filename", "")).name)
-                    continue
-                if found is not None:
-                    loaded[f"{name}_{kept}"] = found  # Pinocchio's name
+                if mesh is not None:
+                    file = mesh.get("filename", "")
+                    try:
+                        if file in self._missing:
+                            raise MeshError("not found")
+                        loaded[f"{name}_{kept}"] = shapes.load(Path(file), mesh.get("scale"))  # Pinocchio's name
+                    except MeshError as error:
+                        faults[file] = str(error)
+                        gone[name] = (*gone.get(name, ()), Path(file).name)
+                        link.remove(shape)
+                        continue
+                # Pinocchio numbers the shapes of a link that stay: a mesh that is left out does not count.
                 kept += 1
             if name in gone and not kept:
                 bare[name] = link
-        self._lost[kind] = gone
         geometry = self._build(model, root, kind)
-        put_in(geometry, loaded)
+        for placeholder in geometry.geometryObjects:
+            if placeholder.name in loaded:
+                loaded[placeholder.name].replace(placeholder)
         if kind == "visual":
             for name, link in bare.items():
                 _stand_in(geometry, model, name, link)
         # Once for both kinds of geometry, which often name the same files.
-        if (missing or faults) and not self._warned:
+        if faults and not self._warned:
             self._warned = True
-            self._warn(self._missing if missing else {}, faults)
+            self._warn(faults)
         return geometry
-
-    def lost(self, kind: str) -> Mapping[str, tuple[str, ...]]:
-        """Names of the meshes that ``geometry`` of a kind left out, by link.
-
-        Args:
-            kind: "visual" or "collision".
-        """
-        return self._lost[kind]
-
-    def _load(
-        self, mesh: ElementTree.Element, shapes: MeshShapes, missing: set[str], faults: dict[str, str]
-    ) -> LoadedMesh | None:
-        """Return the shape of a ``<mesh>``, or None if it is missing or cannot be used."""
-        name = mesh.get("filename", "")
-        if name in self._missing:
-            missing.add(name)
-            return None
-        from rnc_pin.robots.sources.mesh_readers import MeshError
-
-        try:
-            return shapes.load(Path(name), mesh.get("scale"))
-        except MeshError as error:
-            faults[name] = str(error)
-        return None
 
     def _build(self, model: pin.Model, root: ElementTree.Element, kind: str) -> pin.GeometryModel:
         """Build the geometry by Pinocchio, with a box in place of each mesh; Pinocchio's mesh loader is not used."""
-        for parent in root.iter():
-            for place, mesh in enumerate(parent):
-                if mesh.tag == "mesh":
-                    parent[place] = ElementTree.Element("box", size="1 1 1")
+        for mesh in [*root.iter("mesh")]:
+            mesh.tag, mesh.attrib = "box", {"size": "1 1 1"}
         text = ElementTree.tostring(root, encoding="unicode")
         try:
             with description.captured_stderr():
@@ -138,9 +119,9 @@ class Meshes:
         except Exception as error:  # Boost.Python raises any type of C++ exception
             raise ModelError(f"{self._path}: geometry cannot be loaded: {description.brief(error)}") from None
 
-    def _warn(self, missing: Mapping[str, str], faults: Mapping[str, str]) -> None:
-        parts = []
-        if missing:
+    def _warn(self, faults: Mapping[str, str]) -> None:
+        parts, missing = [], self._missing
+        if faults.keys() & missing:
             homes = []
             for home, count in Counter(missing.values()).most_common():
                 names = [Path(name).name for name, other in missing.items() if other == home]
@@ -151,9 +132,9 @@ class Meshes:
                 else "put them there"
             )
             parts.append(f"{_meshes(len(missing))} not found: {few(homes, 6)}; {remedy}")
-        if faults:
-            why = [f"{Path(name).name} ({fault})" for name, fault in faults.items()]
-            parts.append(f"{_meshes(len(faults))} not readable: {few(why)}")
+        why = [f"{Path(name).name} ({fault})" for name, fault in faults.items() if name not in missing]
+        if why:
+            parts.append(f"{_meshes(len(why))} not readable: {few(why)}")
         warn(f"{self._path}: {'; '.join(parts)}; boxes of the inertia's size stand in")
 
     def _home(self, name: str, packages: robot_files.Packages) -> str:
@@ -203,7 +184,7 @@ def equivalent_box(link: ElementTree.Element) -> tuple[np.ndarray, pin.SE3] | No
     """
     mass, inertia = _inertia(link)
     placement = _pose(link.find("inertial/origin"))
-    if mass <= 0 or placement is None:
+    if mass <= 0 or not np.isfinite(placement.homogeneous).all():
         return None
     moments, axes = np.linalg.eigh(inertia)
     # eigh may return a mirrored basis, which is no rotation.
@@ -306,14 +287,12 @@ def inertial_element(inertia: pin.Inertia) -> ElementTree.Element:
 
 def _box(link: ElementTree.Element) -> tuple[np.ndarray, np.ndarray]:
     """Centre and edges (3,) [m] of the axis-aligned box around a link's geometry, in the link frame."""
-    corners = [points for shape in _shapes(link) for points in _corners(shape)]
+    corners = np.array([_corners(shape) for shape in _shapes(link)]).reshape(-1, 3)
+    points = corners[np.isfinite(corners).all(axis=1)]
     least_edge = 1e-2  # of the longest edge: a flat box would have a moment of inertia of zero
-    if corners:
-        points = np.concatenate(corners)
-        low, high = points.min(axis=0), points.max(axis=0)
-        edges = high - low
-        if edges.max() > 0:
-            return (low + high) / 2, np.maximum(edges, least_edge * edges.max())
+    if len(points) and np.ptp(points, axis=0).max() > 0:
+        edges = np.ptp(points, axis=0)
+        return (points.min(axis=0) + points.max(axis=0)) / 2, np.maximum(edges, least_edge * edges.max())
     # The cube with the inertia of a ball: edge^2 / 6 = 2 / 5 radius^2.
     return np.zeros(3), np.full(3, BALL_RADIUS * np.sqrt(12 / 5))
 
@@ -322,57 +301,49 @@ def _shapes(link: ElementTree.Element) -> list[ElementTree.Element]:
     return link.findall("collision") or link.findall("visual")
 
 
-def _corners(shape: ElementTree.Element) -> Iterator[np.ndarray]:
-    """Corners (8, 3) [m] of the box around one geometry, in the link frame."""
-    geometry = next((kind for kind in shape.findall("geometry/*")), None)
-    bounds = None if geometry is None else _bounds(geometry)
-    if bounds is None:
-        return
-    place = _pose(shape.find("origin"))
-    if place is not None:
-        corners = np.array(list(itertools.product(*zip(*bounds, strict=True))))
-        yield corners @ place.rotation.T + place.translation
+def _corners(shape: ElementTree.Element) -> np.ndarray:
+    """Corners (8, 3) [m] of the box around one geometry, in the link frame; NaN if it cannot be read."""
+    bounds, place = _bounds(shape.find("geometry/*")), _pose(shape.find("origin"))
+    return np.array([*itertools.product(*bounds.T)]) @ place.rotation.T + place.translation
 
 
-def _pose(origin: ElementTree.Element | None) -> pin.SE3 | None:
-    """Pose of an ``<origin>``, the identity if there is none; None if it cannot be read."""
+def _pose(origin: ElementTree.Element | None) -> pin.SE3:
+    """Pose of an ``<origin>``, the identity if there is none; NaN if it cannot be read."""
     xyz, rpy = (_vector(None if origin is None else origin.get(key)) for key in ("xyz", "rpy"))
-    return None if xyz is None or rpy is None else pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
+    return pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
 
 
-def _bounds(geometry: ElementTree.Element) -> tuple[np.ndarray, np.ndarray] | None:
-    """Lowest and highest coordinates (3,) of a geometry in its own frame, or None if it cannot be read."""
+def _bounds(geometry: ElementTree.Element | None) -> np.ndarray:
+    """Lowest and highest coordinates (2, 3) of a geometry in its own frame; NaN if it cannot be read."""
+    half = np.full(3, np.nan)
+    if geometry is None:
+        return np.stack([-half, half])
+    numbers = (description.read_number(geometry.get(key)) for key in ("radius", "length"))
+    radius, length = (np.nan if number is None else number for number in numbers)
     if geometry.tag == "mesh":
-        scale = _vector(geometry.get("scale"), 1.0)
-        vertices = _vertices(geometry.get("filename", ""))
-        if scale is None or vertices is None:
-            return None
-        scaled = vertices * scale
-        return scaled.min(axis=0), scaled.max(axis=0)
-    half: np.ndarray | None = None
+        vertices = _vertices(geometry.get("filename", "")) * _vector(geometry.get("scale"), 1.0)
+        return np.stack([vertices.min(axis=0), vertices.max(axis=0)])
     if geometry.tag == "box":
-        size = _vector(geometry.get("size"))
-        half = None if size is None else size / 2
-    if geometry.tag in ("sphere", "cylinder"):
-        radius, length = (description.read_number(geometry.get(key)) for key in ("radius", "length"))
-        if radius is not None and geometry.tag == "sphere":
-            half = np.full(3, radius)
-        elif radius is not None and length is not None:
-            half = np.array([radius, radius, length / 2])
-    return None if half is None else (-half, half)
+        half = _vector(geometry.get("size")) / 2
+    elif geometry.tag == "sphere":
+        half = np.full(3, radius)
+    elif geometry.tag == "cylinder":
+        half = np.array([radius, radius, length / 2])
+    return np.stack([-half, half])
 
 
-def _vertices(file: str) -> np.ndarray | None:
-    if not Path(file).is_absolute():  # a relative path means that the file was not found
-        return None
+def _vertices(file: str) -> np.ndarray:
     from rnc_pin.robots.sources.mesh_formats import read_mesh
     from rnc_pin.robots.sources.mesh_readers import MeshError
 
     try:
-        return read_mesh(Path(file)).vertices
+        if Path(file).is_absolute():  # a relative path means that the file was not found
+            return read_mesh(Path(file)).vertices
     except MeshError:
-        return None
+        pass
+    return np.full((1, 3), np.nan)
 
 
-def _vector(text: str | None, default: float = 0.0) -> np.ndarray | None:
-    return np.full(3, default) if text is None else description.read_numbers(text, 3)
+def _vector(text: str | None, default: float = 0.0) -> np.ndarray:
+    numbers = np.full(3, default) if text is None else description.read_numbers(text, 3)
+    return np.full(3, np.nan) if numbers is None else numbers
