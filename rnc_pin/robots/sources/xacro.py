@@ -12,10 +12,8 @@ from __future__ import annotations
 
 import keyword
 import os
-from collections import ChainMap
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
-from typing import TypeAlias
 from xml.etree.ElementTree import Element
 
 from rnc_pin.errors import ModelError, nearest, place_of
@@ -34,8 +32,6 @@ from rnc_pin.robots.sources.xacro_definitions import (
 from rnc_pin.robots.sources.xacro_expressions import Namespace, Value
 
 _PREFIX = "xacro:"
-
-Macros: TypeAlias = "ChainMap[str, Macro | Macros]"
 
 
 def expand(
@@ -84,7 +80,7 @@ class _Expander:
         self._value, self._arguments = substitution.value, substitution.arguments
         self._called: list[Macro] = []
         self._fault = path, 0
-        self._elements: Mapping[str, Callable[[Element, Element, Macros, Scope], None]] = {
+        self._elements: Mapping[str, Callable[[Element, Element, Scope], None]] = {
             "arg": self._arg,
             "if": self._condition,
             "include": self._include,
@@ -103,77 +99,78 @@ class _Expander:
 
     def expand(self) -> Element:
         """Return the root element of the expanded file."""
-        return self._copy(read_document(self._path), ChainMap(), Scope(self._substitution.symbols, self._value))
+        return self._copy(read_document(self._path), Scope(self._substitution.symbols, self._value))
 
     def _text(self, text: str, scope: Scope) -> str:
         return str(self._value(text, scope))
 
-    def _copy(self, source: Element, macros: Macros, scope: Scope) -> Element:
+    def _copy(self, source: Element, scope: Scope) -> Element:
         copy = source.copied() if isinstance(source, PlacedElement) else Element(source.tag)
         for name, text in source.items():
             if not name.startswith(_PREFIX):
                 copy.set(name, self._text(text, scope))
-        self._inside(source, copy, macros, scope)
+        self._inside(source, copy, scope)
         return copy
 
-    def _inside(self, source: Element, target: Element, macros: Macros, scope: Scope) -> None:
+    def _inside(self, source: Element, target: Element, scope: Scope) -> None:
         """Expand the content of an element into another element."""
         if source.text:
             _write(target, self._text(source.text, scope))
         for child in source:
             try:
-                self._add(child, target, macros, scope)
+                self._add(child, target, scope)
             except ModelError:
                 if self._fault == (self._path, 0) and isinstance(child, PlacedElement) and child.line:
                     self._fault = child.file, child.line  # the innermost element is the nearest to the error
                 raise
 
-    def _add(self, child: Element, target: Element, macros: Macros, scope: Scope) -> None:
+    def _add(self, child: Element, target: Element, scope: Scope) -> None:
         # Elements count as steps too: macros that call macros many times are bounded.
         self._substitution.budget.spend(10)
         if child.tag.startswith(_PREFIX):
-            self._elements.get(child.tag.removeprefix(_PREFIX), self._call)(child, target, macros, scope)
+            self._elements.get(child.tag.removeprefix(_PREFIX), self._call)(child, target, scope)
         else:
-            self._check_prefix(child.tag, target.tag, macros)
-            target.append(self._copy(child, macros, scope))
+            self._check_prefix(child.tag, target.tag, scope)
+            target.append(self._copy(child, scope))
         if child.tail:
             _write(target, self._text(child.tail, scope))
 
-    def _check_prefix(self, tag: str, parent: str, macros: Macros) -> None:
+    def _check_prefix(self, tag: str, parent: str, scope: Scope) -> None:
         """Refuse a macro or element of xacro without its prefix: xacro would leave it alone."""
         if tag in self._known.get(parent, (tag,)):
             return
-        macro = macros.get(tag)
-        if isinstance(macro, Macro) and macro not in self._called:  # a macro can write an element of its own name
+        if (
+            tag in scope.macros and scope.macros[tag] not in self._called
+        ):  # a macro can write an element of its own name
             raise ModelError(f"element <{tag}>: a macro of this name exists; write <{_PREFIX}{tag}>")
         if tag in self._elements:
             raise ModelError(f"element <{tag}>: xacro has an element of this name; write <{_PREFIX}{tag}>")
 
-    def _arg(self, element: Element, _target: Element, _macros: Macros, scope: Scope) -> None:
+    def _arg(self, element: Element, _target: Element, scope: Scope) -> None:
         name, default = _required(element, "name"), element.get("default")
         self._arguments.asked.add(name)
         if default is not None and name not in self._arguments:
             self._arguments[name] = self._text(default, scope)
 
-    def _condition(self, element: Element, target: Element, macros: Macros, scope: Scope) -> None:
+    def _condition(self, element: Element, target: Element, scope: Scope) -> None:
         text = _required(element, "value")
         if truth(self._value(text, scope), text) == (element.tag == "xacro:if"):
-            self._inside(element, target, macros, scope)
+            self._inside(element, target, scope)
 
-    def _insert_block(self, element: Element, target: Element, macros: Macros, scope: Scope) -> None:
+    def _insert_block(self, element: Element, target: Element, scope: Scope) -> None:
         name = _required(element, "name")
         many, one = scope.blocks.get(f"**{name}"), scope.blocks.get(f"*{name}")
         if many is not None:
-            self._inside(many, target, macros, scope)
+            self._inside(many, target, scope)
         elif one is not None:
             # The block itself is inserted, so it has to be the child of what is expanded.
             holder = Element("block")
             holder.append(one)
-            self._inside(holder, target, macros, scope)
+            self._inside(holder, target, scope)
         else:
             raise ModelError(f"no block '{name}'")
 
-    def _property(self, element: Element, _target: Element, _macros: Macros, scope: Scope) -> None:
+    def _property(self, element: Element, _target: Element, scope: Scope) -> None:
         name = self._text(_required(element, "name"), scope)
         if not name.isidentifier() or keyword.iskeyword(name) or name.startswith("__"):
             raise ModelError(f"'{name[:80]}' cannot be the name of a property")
@@ -201,23 +198,23 @@ class _Expander:
         text = element.get(key, default)
         return truth(self._value(text, scope), text)
 
-    def _macro(self, element: Element, _target: Element, macros: Macros, _scope: Scope) -> None:
+    def _macro(self, element: Element, _target: Element, scope: Scope) -> None:
         name = _required(element, "name").removeprefix(_PREFIX)
-        macros[name] = read_macro(element, name)
+        scope.macros[name] = read_macro(element, name)
 
-    def _call(self, element: Element, target: Element, macros: Macros, scope: Scope) -> None:
+    def _call(self, element: Element, target: Element, scope: Scope) -> None:
         name = element.tag.removeprefix(_PREFIX)
         # A call costs like many steps: macros that call themselves end by the budget.
         self._substitution.budget.spend(50)
-        known_macros, known, macro = _resolve(name, macros, scope)
-        inner = known.inner()
+        owner, macro = _resolve(name, scope)
+        inner = owner.inner()
         missing = {parameter.name: parameter for parameter in macro.parameters}
         for key, text in element.items():
             if missing.pop(key, None) is None:
                 raise ModelError(f"macro '{name}' has no parameter '{key}'{nearest(key, missing)}")
             # In the scope of the caller: names of the macro do not exist there.
             inner.define(key, self._value(text, scope))
-        self._take_blocks(element, missing, inner, (macros, scope))
+        self._take_blocks(element, missing, inner, scope)
         for parameter in list(missing.values()):
             if parameter.default is not None or parameter.forwarded:
                 inner.define(parameter.name, self._default(parameter, scope))
@@ -226,15 +223,13 @@ class _Expander:
             raise ModelError(f"macro '{name}' is called without {', '.join(missing)}")
         self._called.append(macro)
         self._check_depth()
-        self._inside(macro.body, target, known_macros.new_child(), inner)
+        self._inside(macro.body, target, inner)
         self._called.pop()
 
-    def _take_blocks(
-        self, call: Element, missing: dict[str, Parameter], inner: Scope, outside: tuple[Macros, Scope]
-    ) -> None:
+    def _take_blocks(self, call: Element, missing: dict[str, Parameter], inner: Scope, scope: Scope) -> None:
         """Expand the elements of a call in the caller's scope, and assign them to the macro's blocks in order."""
         given = Element("blocks")
-        self._inside(call, given, *outside)
+        self._inside(call, given, scope)
         # As in xacro, elements of a call are expanded before the macro runs, in the caller's scope.
         blocks = list(given)
         for parameter in [each for each in missing.values() if each.name.startswith("*")]:
@@ -254,13 +249,10 @@ class _Expander:
             raise ModelError(f"no property '{parameter.name}' to forward to the macro")
         return self._value(parameter.default, scope)
 
-    def _include(self, element: Element, target: Element, macros: Macros, scope: Scope) -> None:
-        inner_macros, inner = macros, scope
-        namespace = element.get("ns")
+    def _include(self, element: Element, target: Element, scope: Scope) -> None:
+        inner, namespace = scope, element.get("ns")
         if namespace:
-            name = self._text(namespace, scope)
-            inner_macros, inner = ChainMap(), scope.inner(namespace=True)
-            macros[name] = inner_macros
+            name, inner = self._text(namespace, scope), scope.inner(namespace=True)
             scope.define(name, Namespace(name, inner))
         optional = truth(element.get("optional", "false"), "optional")
         path = self._substitution.path(self._text(_required(element, "filename"), scope))
@@ -276,7 +268,7 @@ class _Expander:
             if os.path.isfile(path):  # a missing file is a fault of the file that includes it
                 self._fault = path, 0
             raise
-        self._inside(source, target, inner_macros, inner)
+        self._inside(source, target, inner)
         self._substitution.files.pop()
 
     def _check_depth(self) -> None:
@@ -285,24 +277,18 @@ class _Expander:
             raise ModelError("macros or includes are recursive or nested too deeply")
 
 
-def _resolve(name: str, macros: Macros, scope: Scope) -> tuple[Macros, Scope, Macro]:
-    """Return a macro with its macros and scope; a dotted name refers to a file that was included with a name."""
-    found = macros.get(name)
-    if found is None:
+def _resolve(name: str, scope: Scope) -> tuple[Scope, Macro]:
+    """Return a macro with its scope; a dotted name refers to a file that was included with a name."""
+    if name not in scope.macros:
         *namespaces, last = name.split(".")
+        owner: object = scope
         for each in namespaces:
-            inner, values = macros.get(each), scope.get(each)
-            if not (
-                isinstance(inner, ChainMap) and isinstance(values, Namespace) and isinstance(values.members, Scope)
-            ):
-                break
-            macros, scope = inner, values.members
-        else:
-            found = macros.get(last)
-    if not isinstance(found, Macro):
-        known = [each for each, macro in macros.items() if isinstance(macro, Macro)]
-        raise ModelError(f"unknown macro name '{_PREFIX}{name}'{nearest(name, known)}")
-    return macros, scope, found
+            space = owner.get(each) if isinstance(owner, Scope) else None
+            owner = space.members if isinstance(space, Namespace) else None
+        if not isinstance(owner, Scope) or last not in owner.macros:
+            raise ModelError(f"unknown macro name '{_PREFIX}{name}'{nearest(name, scope.macros)}")
+        scope, name = owner, last
+    return scope, scope.macros[name]
 
 
 def _required(element: Element, key: str) -> str:

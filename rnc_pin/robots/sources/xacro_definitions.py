@@ -152,6 +152,7 @@ class Scope(ChainMap[str, Value]):
 
     Attributes:
         blocks: elements by the name of a block, ``*name`` or ``**name``.
+        macros: macros by name, before those of its parents; a file that was included with a name has its own only.
     """
 
     def __init__(
@@ -164,6 +165,7 @@ class Scope(ChainMap[str, Value]):
     ) -> None:
         super().__init__({}, *([symbols] if parent is None else parent.maps))
         self.blocks: ChainMap[str, Element] = ChainMap() if parent is None else parent.blocks.new_child()
+        self.macros: ChainMap[str, Macro] = ChainMap() if parent is None or namespace else parent.macros.new_child()
         self._symbols, self._resolve, self._parent, self._namespace = symbols, resolve, parent, namespace
         self._pending: list[_Unresolved] = [] if parent is None else parent._pending
 
