@@ -10,7 +10,6 @@ from collections import Counter
 from collections.abc import Mapping
 from copy import deepcopy
 from pathlib import Path
-from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 import coal
@@ -20,9 +19,6 @@ import pinocchio as pin
 from rnc_pin.errors import ModelError, few, nearest, warn
 from rnc_pin.robots import robot_files
 from rnc_pin.robots.sources import description
-
-if TYPE_CHECKING:  # robots that nobody draws start without it
-    from rnc_pin.robots.sources.mesh_formats import LoadedMesh
 
 STAND_IN = "_stand_in"
 """Suffix of the names of boxes that replace meshes; Pinocchio's own names of shapes end in a number."""
@@ -69,7 +65,7 @@ class Meshes:
         Raises:
             ModelError: a shape other than a mesh cannot be built.
         """
-        from rnc_pin.robots.sources.mesh_formats import MeshShapes
+        from rnc_pin.robots.sources.mesh_formats import LoadedMesh, MeshShapes
         from rnc_pin.robots.sources.mesh_readers import MeshError
 
         # The other kind of geometry needs the elements that are removed here.
