@@ -233,7 +233,7 @@ class PoseProblem:
         # Without jumps of 2 pi, so that headings are compared as numbers and are linear between samples.
         yaw = np.unwrap(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y**2 + z**2)))
         self.measured = np.column_stack([poses[:, :2], yaw])
-        self.nominal = np.array([each.nominal for each in motion.parameters])
+        self.nominal = motion.nominal
         self.scales = np.array([each.scale for each in motion.parameters])
 
     def is_valid(self, p: np.ndarray) -> bool:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
+import scipy
 
-from rnc_pin.errors import ConfigurationError, InfeasibleError, argument, few, nearest
+from rnc_pin.errors import ConfigurationError, InfeasibleError, argument, few, place_of
 from rnc_pin.lab.calibration import unknowns
 from rnc_pin.lab.calibration.unknowns import RowGeometry, Virtual
 from rnc_pin.lab.calibration.window_fit import Poses, RolledPath, joined, plane
@@ -20,15 +20,6 @@ from rnc_pin.robots.joint_values import SingleJoint
 
 _Slopes = dict[int, tuple[int, np.ndarray]]
 """Derivatives by parameter: the number of a column or joint, with numbers."""
-
-
-@dataclass(frozen=True)
-class _Joint:
-    """Measured joint of the rows."""
-
-    name: str
-    column: int
-    channel: Channel
 
 
 class RollingMotion:
@@ -45,6 +36,7 @@ class RollingMotion:
 
     Attributes:
         parameters: the parameters, in the order of ``unknown``.
+        nominal: their values in the file (P,).
         mount: place x, y [m] and heading [rad] of the sensor on the base, in the file.
         used: names of the rows in use.
         unused: names of rows that depend on joints which the log does not have.
@@ -68,6 +60,7 @@ class RollingMotion:
                                      "expected a frame of the base")  # fmt: skip
         self.mount = np.array([*frame.placement.translation[:2], heading_of(frame.placement.rotation)])
         self.parameters = [unknowns.number_of(each, system, self.mount) for each in unknown]
+        self.nominal = np.array([each.nominal for each in self.parameters])
         names = [each.name for each in self.parameters]
         for name in names:
             if names.count(name) > 1:
@@ -84,12 +77,14 @@ class RollingMotion:
     def _find_joints(self, log: Log) -> None:
         geometry = self._geometry
         columns = {name: column for name, column in geometry.columns.items() if not name.startswith("virtual ")}
-        measured = {}
+        measured: dict[int, Channel] = {}
         for name, column in columns.items():
             if f"position({name})" in log.channels:
-                measured[column] = _Joint(name, column, log.channel("position", name))
+                measured[column] = log.channel("position", name)
             elif f"velocity({name})" in log.channels and column not in geometry.shape:
-                measured[column] = _Joint(name, column, _summed(log.channel("velocity", name)))
+                speed = log.channel("velocity", name)
+                position = scipy.integrate.cumulative_trapezoid(speed.values, speed.time, axis=0, initial=0.0)
+                measured[column] = Channel("position", name, speed.time, position)
         self.unused = geometry.drop([column for column in columns.values() if column not in measured])
         if not geometry.names:
             raise ConfigurationError(f"the log has no joint of the rows {few(self.unused)}")
@@ -99,32 +94,29 @@ class RollingMotion:
         drawn = np.random.default_rng(1).uniform(-0.5, 0.5, (geometry.size, 4))
         sample = geometry.evaluate(dict(enumerate(drawn)), {}, every).matrix
         acting = np.abs(sample).max(axis=(0, 1)) > 1e-12
-        self._joints = [each for column, each in measured.items() if acting[column] or column in geometry.shape]
+        self._joints = {k: each for k, each in measured.items() if acting[k] or k in geometry.shape}
+        """Measured joints of the rows by column."""
         others = [column for column in columns.values() if acting[column] and column not in measured]
         self._unknown_columns = [*geometry.base, *others]
-        self._columns = [*self._unknown_columns, *(each.column for each in self._joints)]
+        self._columns = [*self._unknown_columns, *self._joints]
         # The worst of the drawn shapes may be singular by chance: one regular shape is enough.
         values = np.linalg.svd(sample[:, :, self._unknown_columns], compute_uv=False)
         regular = 1e-6  # smallest singular value of the unit rows of the base, relative to the largest
+        names = [each.of for each in self._joints.values()]
         if sample.shape[1] < len(self._unknown_columns) or (values[:, -1] < regular * values[:, 0]).all():
             missing = [name for name, column in columns.items() if column in others]
             raise ConfigurationError(
-                f"the measured joints {few([each.name for each in self._joints]) or '(none)'} do not determine the "
+                f"the measured joints {few(names) or '(none)'} do not determine the "
                 f"motion of the base: expected positions of {few(missing) or 'joints with rows'} too"
             )
         for parameter in self.parameters:
-            kind = parameter.kind
-            name = getattr(kind, "joint", None) or (kind.of if isinstance(kind, unknowns.TimeShift) else None)
-            names = [each.name for each in self._joints]
-            if name is not None and name not in names:
-                raise ConfigurationError(
-                    f"{parameter.name}: the rows use no measured joint '{name}'{nearest(name, names)}"
-                )
+            if parameter.joint is not None:
+                place_of(parameter.joint, names, f"{parameter.name}: the rows use no measured joint")
 
     def _set_time(self) -> None:
         if not self._joints:
             raise ConfigurationError("the log has no joint that the rows use")
-        channels = [each.channel for each in self._joints]
+        channels = list(self._joints.values())
         # The joint with most samples gives the steps: others are interpolated, so no sample of it is lost.
         finest = max(channels, key=lambda channel: len(channel.time))
         start, end = max(each.time[0] for each in channels), min(each.time[-1] for each in channels)
@@ -164,10 +156,6 @@ class RollingMotion:
             slopes[:, :, k] -= rates
         return Poses(base.values + joined(arm, np.full(size, mount[2])), slopes, rates)
 
-    @property
-    def _nominal(self) -> np.ndarray:
-        return np.array([each.nominal for each in self.parameters])
-
     def configurations(self, times: np.ndarray) -> np.ndarray:
         """Configurations (T, nq) of the robot at times (T,) [s], with parameters of the file.
 
@@ -176,18 +164,16 @@ class RollingMotion:
         Args:
             times: times (T,) [s]; outside the log, the base stands still.
         """
-        positions, changes, _, _ = self._measured(self._nominal)
+        positions, changes, _, _ = self._measured(self.nominal)
         whole = _Solution(self._geometry.evaluate(positions, {}, self._columns).matrix, changes).whole
         path = RolledPath(self.time, whole[:, :3].T, {}, 0)
         # The base stands still before and after its steps.
         inside = np.clip(times, self.time[0], self.time[-1])
         q = self.with_base(np.tile(pin.neutral(self._model), (len(times), 1)), path.at(inside).values)
-        starts = dict.fromkeys(self._columns, 0.0) | {
-            each.column: float(_held(each.channel, self.time[:1])[0]) for each in self._joints
-        }
+        starts = {column: _held(each, self.time[:1]) for column, each in self._joints.items()}
         joints = {joint.idx_v: SingleJoint.of(joint) for joint in self._model.joints if joint.nv == 1}
         for column, change in zip(self._columns[3:], whole[:, 3:].T, strict=True):
-            position = np.concatenate([[0.0], np.cumsum(change)]) + starts[column]
+            position = np.concatenate([[0.0], np.cumsum(change)]) + starts.get(column, 0.0)
             joints[column].put(q, np.interp(times, self.time, position))
         return q
 
@@ -214,7 +200,7 @@ class RollingMotion:
             Times (N,) in the middle of the steps [s], and slip (N, k) during each step [m]. Joints that are not
             measured move such that its square is smallest.
         """
-        positions, moved, _, _ = self._measured(self._nominal)
+        positions, moved, _, _ = self._measured(self.nominal)
         A = self._geometry.evaluate(positions, {}, self._columns).matrix
         change = np.diff(poses, axis=0)
         turn = change[:, 2]
@@ -268,29 +254,28 @@ class RollingMotion:
         moved: list[np.ndarray] = []
         d_middle: _Slopes = {}
         d_moved: _Slopes = {}
-        for index, joint in enumerate(self._joints):
-            own = {type(each.kind): k for k, each in enumerate(self.parameters)
-                   if joint.name in (getattr(each.kind, "joint", None), getattr(each.kind, "of", None))}  # fmt: skip
-            scale = p[own[unknowns.EncoderScale]] if unknowns.EncoderScale in own else 1.0
-            offset = p[own[unknowns.EncoderOffset]] if unknowns.EncoderOffset in own else 0.0
-            late = p[own[unknowns.TimeShift]] if unknowns.TimeShift in own else 0.0
+        usual = {unknowns.EncoderScale: 1.0, unknowns.EncoderOffset: 0.0, unknowns.TimeShift: 0.0}
+        for index, (column, channel) in enumerate(self._joints.items()):
+            own = {type(each.kind): k for k, each in enumerate(self.parameters) if each.joint == channel.of}
+            scale, offset, late = (p[own[kind]] if kind in own else value for kind, value in usual.items())
             # Stamps are late: what was true at a time has a later stamp.
-            raw = _held(joint.channel, self.time + late)
+            raw = _held(channel, self.time + late)
             middle, change = (raw[1:] + raw[:-1]) / 2, np.diff(raw)
             moved.append(scale * change)
-            slopes: dict[type, tuple[np.ndarray, np.ndarray]] = {
+            in_shape = column in self._geometry.shape
+            if in_shape:
+                positions[column] = scale * middle + offset
+            rate = scale * _slope(channel, self.time + late) if unknowns.TimeShift in own else raw
+            slopes = {
                 unknowns.EncoderScale: (middle, change),
                 unknowns.EncoderOffset: (np.ones_like(middle), np.zeros_like(change)),
+                unknowns.TimeShift: ((rate[1:] + rate[:-1]) / 2, np.diff(rate)),
             }
-            if unknowns.TimeShift in own:
-                rate = scale * _slope(joint.channel, self.time + late)
-                slopes[unknowns.TimeShift] = (rate[1:] + rate[:-1]) / 2, np.diff(rate)
             for kind, k in own.items():
-                d_moved[k] = index, slopes[kind][1]
-                if joint.column in self._geometry.shape:
-                    d_middle[k] = joint.column, slopes[kind][0]
-            if joint.column in self._geometry.shape:
-                positions[joint.column] = scale * middle + offset
+                of_middle, of_change = slopes[kind]
+                d_moved[k] = index, of_change
+                if in_shape:
+                    d_middle[k] = column, of_middle
         return positions, np.stack(moved, axis=1), d_middle, d_moved
 
 
@@ -349,10 +334,3 @@ def _slope(channel: Channel, times: np.ndarray) -> np.ndarray:
     inside = (times > channel.time[0]) & (times < channel.time[-1])
     k = np.clip(np.searchsorted(channel.time, times, side="right") - 1, 0, len(rates) - 1)
     return np.where(inside, rates[k], 0.0)
-
-
-def _summed(channel: Channel) -> Channel:
-    """Positions of a joint from its velocities, from zero."""
-    v, dt = channel.values[:, 0], np.diff(channel.time)
-    position = np.concatenate([[0.0], np.cumsum(dt * (v[1:] + v[:-1]) / 2)])
-    return Channel("position", channel.of, channel.time, position[:, None])

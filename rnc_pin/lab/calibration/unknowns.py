@@ -507,6 +507,11 @@ class UnknownNumber(NamedTuple):
     """Wheels of a radius."""
 
     @property
+    def joint(self) -> str | None:
+        """Joint whose measurement it corrects; None for other parameters."""
+        return getattr(self.kind, "joint", getattr(self.kind, "of", None))
+
+    @property
     def shares(self) -> Mapping[Virtual | str, float]:
         """Displacements of joints, and changes of the radii of wheels, for a unit of the parameter."""
         found: dict[Virtual | str, float] = dict(self.displaced.items())
@@ -589,9 +594,8 @@ def corrections_of(parameters: Sequence[UnknownNumber], p: np.ndarray, sensor: s
     """
     found: dict[str, Correction] = {}
     for value, each in zip(p.tolist(), parameters, strict=True):
-        kind = each.kind
-        key = {EncoderScale: "scale", EncoderOffset: "offset", TimeShift: "delay"}.get(type(kind))
+        key = {EncoderScale: "scale", EncoderOffset: "offset", TimeShift: "delay"}.get(type(each.kind))
         if key is not None:
-            name = (kind.of or sensor) if isinstance(kind, TimeShift) else str(getattr(kind, "joint", ""))
+            name = each.joint or sensor
             found[name] = found.get(name, Correction()).model_copy(update={key: value})
     return found
