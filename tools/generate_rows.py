@@ -19,10 +19,10 @@ import numpy as np
 from rnc_pin._kernel import INTERFACE
 from rnc_pin._kernel.kernel_rows import AT_GROUND, INTEGERS, NUMBERS, Form, KernelForce, Value
 from rnc_pin.constraints.couplings import linkage
-from rnc_pin.constraints.rolling_body import contact_arm, curved_gradient, curved_wrench
+from rnc_pin.constraints.rolling_body import curved_gradient, curved_wrench
 from rnc_pin.constraints.surfaces import support_point
 from rnc_pin.constraints.wheels_and_blades import wheel_level, wheel_wrenches
-from rnc_pin.math.linear_algebra import cross, dot
+from rnc_pin.math.linear_algebra import apply, apply_transposed, cross, dot
 from rnc_pin.model.frame_rows import FLAT
 from rnc_pin.outputs import TOGETHER, distance_force, level, tilt_wrench, yaw_wrench
 from tools.formulas import Symbol, c_statements, forget, gradient, inputs, rate, symbol, total
@@ -61,7 +61,8 @@ def _wheel(d: Vectors, p: Sequence[Symbol]) -> list[Symbol]:
 
 def _rolling(d: Vectors, p: Sequence[Symbol]) -> list[Symbol]:
     axes = np.array(d, dtype=object).T  # the directions are the columns of the rotation
-    arm = contact_arm(axes, np.array(p[3:6]), lambda normal: support_point(normal, np.array(p[6:9]), p[9], p[10]))
+    outward = -apply_transposed(axes, np.array(p[3:6]))  # of the shape, in its own axes
+    arm = apply(axes, support_point(outward, np.array(p[6:9]), p[9], p[10]))
     return [*p[:3], *cross(arm.tolist(), p[:3])]
 
 

@@ -78,13 +78,50 @@ class GroundPlane:
         # Rows act on one twist for all points: the velocity is carried from the plane's point to the world's origin.
         return np.concatenate([self.material_velocity(np.zeros(3)), angular]) if self.moves else None
 
+    @property
+    def along(self) -> np.ndarray:
+        """Direction of the first rolling row, along the plane: the world's x."""
+        return np.eye(3)[0]
+
+    def level(self, point: np.ndarray) -> np.ndarray:
+        """Height (...) above the plane [m].
+
+        Args:
+            point: places (..., 3), in world axes [m].
+        """
+        return np.asarray((point - np.asarray(self.point)) @ self.axes[2])
+
     def height(self, place: np.ndarray) -> float:
         """Height of a point (3,) above the plane [m].
 
         Args:
             place: the point.
         """
-        return float(self.axes[2] @ (place - np.asarray(self.point)))
+        return float(self.level(place))
+
+    def gradient(self, point: np.ndarray) -> np.ndarray:
+        """Gradient (..., 3) of ``level``: the normal.
+
+        Args:
+            point: places (..., 3), in world axes [m].
+        """
+        return np.broadcast_to(self.axes[2], point.shape)
+
+    def hessian(self, point: np.ndarray) -> np.ndarray:
+        """Second derivatives (..., 3, 3) of ``level``: zero.
+
+        Args:
+            point: places (..., 3), in world axes [m].
+        """
+        return np.zeros((*point.shape, 3))
+
+    def below(self, place: np.ndarray) -> np.ndarray:
+        """Nearest points (..., 3) of the plane.
+
+        Args:
+            place: centres of bodies (..., 3), in world axes [m].
+        """
+        return np.asarray(place - self.level(place)[..., None] * self.axes[2])
 
     def material_velocity(self, place: np.ndarray) -> np.ndarray:
         """Velocity of the material at points (..., 3) [m/s], in world axes.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from threading import get_ident
 from typing import NamedTuple
@@ -24,7 +24,7 @@ from rnc_pin.constraints.surfaces import (
     support_numbers,
 )
 from rnc_pin.errors import ConstraintError
-from rnc_pin.math.linear_algebra import Entry, apply, apply_transposed, cross, cross_columns, dot, vector_product
+from rnc_pin.math.linear_algebra import Entry, apply, cross, cross_columns, dot, vector_product
 from rnc_pin.model.frame_rows import FLAT, ConstantWrenchRows, WrenchRows, point_name, triple
 from rnc_pin.model.input_validation import NotNegative, Positive, Vector, is_number
 from rnc_pin.model.kinematics import Placement, PositionKinematics
@@ -137,22 +137,24 @@ def curved_wrench(
     return [*force, *(m + weights[3] * n for m, n in zip(cross(arm, force), normal, strict=True))]
 
 
+_PARTS = ("rolling_x", "rolling_y", "vertical", "pivoting")
+
+
 class BodyContactRows(WrenchRows):
     """Rows of a body at its contact with the ground: two rolling rows, a vertical row, and one about the normal."""
 
     on_ground = True
 
-    def name_rows(self, frame: str, center: np.ndarray, pivots: bool) -> None:
-        """Name the rows of a contact below a point of a frame; without pivoting there are four.
+    def name_rows(self, frame: str, center: np.ndarray, parts: Sequence[str]) -> None:
+        """Name the rows of a contact below a point of a frame.
 
         Args:
             frame: name of the body's frame.
             center: point of the frame (3,), in its own axes [m].
-            pivots: True if the body may turn about the normal.
+            parts: word of each row.
         """
-        parts = ("rolling_x", "rolling_y", "vertical", "pivoting")[: 3 if pivots else 4]
         self.names = tuple(f"{part}({point_name(frame, center)})" for part in parts)
-        self.units = ("m/s",) * 3 + ("rad/s",) * (len(parts) - 3)
+        self.units = tuple("rad/s" if part == "pivoting" else "m/s" for part in parts)
         self.holonomic = tuple(part == "vertical" for part in parts)
 
     @abstractmethod
@@ -177,7 +179,8 @@ class SurfaceContactRows(BodyContactRows):
 
     The point g of the surface, with the normal n, and the body's point with the outward normal -n are a distance d
     apart along n: ``origin + arm(-n) = g + d n``. Newton's method solves this for g and d. Its derivative gives their
-    rates. Body and ground touch at one point if the body is curved more than the ground.
+    rates. Body and ground touch at one point if the body is curved more than the ground. A plane is ground without
+    curvature, where the first step ends the search.
 
     Args:
         frame: name of the body's frame.
@@ -193,11 +196,12 @@ class SurfaceContactRows(BodyContactRows):
     ) -> None:
         self._shape, self.frame = shape, robot.frame_id(frame)
         self._center, self._turned = placement.translation, placement.rotation
-        self.ground = self._surface = ground
+        self._surface = ground
+        self.ground = None if isinstance(ground, GroundPlane) and ground.is_default else ground
         if ground.moves:
             velocity = np.asarray(ground.material_velocity(np.zeros(3)), dtype=float)
             self.affine, self.twist = True, np.concatenate([velocity, np.asarray(ground.angular_velocity, dtype=float)])
-        self.name_rows(frame, self._center, pivots)
+        self.name_rows(frame, self._center, _PARTS[: 3 if pivots else 4])
         # The Jacobian and the bias acceleration of a thread share the contact; its wrenches and their rates the other.
         self._seen: dict[int, tuple[np.ndarray, SurfaceContact]] = {}
         self._near: dict[int, tuple[Placement, SurfaceContact]] = {}
@@ -234,7 +238,6 @@ class SurfaceContactRows(BodyContactRows):
         """Contact at configurations; raises an error if it is not one point."""
         rotation, origin = at.placement(self.frame)
         most_steps, accurate = 60, 1e-12  # Newton steps, and the last one relative to the size of the contact
-        flat = 1e-6  # smallest relative curvature of body and ground
         with np.errstate(all="ignore"):
             # The nearest point to the centre is the solution for a ball, and near it for other bodies.
             point = self._surface.below(origin + apply(rotation, self._center))
@@ -251,11 +254,12 @@ class SurfaceContactRows(BodyContactRows):
                     break
             # A state that is not finite passes here: other checks name it.
             known = np.where(np.isnan(at.q).any(axis=-1), np.nan, (last <= 1e3 * accurate * size).astype(float))
-            check_defined("the contact of a body with curved ground is not found", at.q, known, flat, self.names)
             regularity = self._shape.regularity(-apply((rotation @ self._turned).mT, found.normal))
-            # A body may be flat, or curved no more than the ground below it: both touch at more than one point.
-            separate = np.minimum(regularity, _smaller_eigenvalue(found.relative))
-        check_defined("a body touches curved ground at more than one point", at.q, separate, flat, self.names)
+            # A body may be flat, where its arm is not a number, or curved no more than the ground below it.
+            separate = np.fmin(regularity, _smaller_eigenvalue(found.relative))
+        what = "the ground" if isinstance(self._surface, GroundPlane) else "curved ground"
+        check_defined(f"a body touches {what} at more than one point", at.q, separate, FLAT, self.names)
+        check_defined(f"the contact of a body with {what} is not found", at.q, known, FLAT, self.names)
         return found
 
     def _contact(self, at: PositionKinematics) -> SurfaceContact:
@@ -344,12 +348,17 @@ class SurfaceContactRows(BodyContactRows):
         return at.placement(self.frame).translation + found.arm, self._axes(found)
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
-        """Rows of the kernel for a ball on a sphere or cylinder; None for other shapes and grounds.
+        """Rows of the kernel for a known shape on a plane, or a ball on a sphere or cylinder; None for other ones.
 
         Args:
             model: model of the robot.
         """
-        shape, ground = self._shape, self._surface
+        shape, ground, support = self._shape, self._surface, support_numbers(self._shape)
+        if isinstance(ground, GroundPlane) and support is not None:
+            frame, normal = attached(model, self.frame, pin.SE3(self._turned, self._center)), ground.axes[2]
+            numbers = [[*axis, *normal, *support] for axis in ground.axes]
+            pivot = wrench_rows(Form.WORLD, frame, [[0.0, 0.0, 0.0, *normal]], self.twist)
+            return [*wrench_rows(Form.ROLLING, frame, numbers, self.twist), *pivot][: len(self.names)]
         if type(shape) is not Sphere:  # a subclass may have methods of its own
             return None
         if type(ground) is SphericalGround:
@@ -435,110 +444,9 @@ class RollingBody:
                 f"shape of rolling body '{self.frame}': expected Sphere, Ellipsoid, Torus or an object "
                 f"with the methods point, point_rate and regularity, found {self.shape!r}"
             )
-        if self.ground is None or isinstance(self.ground, GroundPlane):
-            rows: Rows = _RollingBodyRows(self, self.shape, self.ground or GroundPlane(), robot)
-            return on_carrier(rows, self.frame, self.ground, robot)
-        ground = admit_ground(self.ground, f"rolling body '{self.frame}'")
+        ground = admit_ground(self.ground or GroundPlane(), f"rolling body '{self.frame}'")
         rows = SurfaceContactRows(self.frame, self.shape, self.placement, self.pivoting, ground, robot)
-        return on_carrier(rows, self.frame, ground, robot)
-
-
-def contact_arm(rotation: np.ndarray, normal: np.ndarray, point: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """Vector (..., 3) from the centre of a shape to its contact point on a plane, in world axes.
-
-    Args:
-        rotation: axes of the shape (..., 3, 3).
-        normal: normal of the plane (3,).
-        point: surface point with a given outward normal, both in the axes of the shape.
-    """
-    return apply(rotation, point(_outward(rotation, normal)))
-
-
-def _outward(rotation: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Outward normal (..., 3) at the contact point, in the axes of the shape."""
-    return -apply_transposed(rotation, np.broadcast_to(normal, rotation.shape[:-1]))
-
-
-class _PlaneContactRows(BodyContactRows):
-    """Rows of a body at its contact with a plane, along the axes of the plane.
-
-    Args:
-        frame: name of the body's frame.
-        center: point of the frame (3,) above the contact, in its own axes [m].
-        pivots: True if the body may turn about the normal.
-        plane: the plane.
-        robot: the robot.
-    """
-
-    def __init__(self, frame: str, center: np.ndarray, pivots: bool, plane: GroundPlane, robot: Robot) -> None:
-        self.frame, self.ground = robot.frame_id(frame), None if plane.is_default else plane
-        self.twist, self.affine = plane.twist, plane.moves
-        self._axes, self._normal, self._point = plane.axes, plane.axes[2], np.asarray(plane.point, dtype=float)
-        self.name_rows(frame, center, pivots)
-
-    @abstractmethod
-    def _contact(self, at: PositionKinematics) -> np.ndarray:
-        """Contact point (..., 3) in the world."""
-
-    def residual(self, at: PositionKinematics) -> np.ndarray:
-        return ((self._contact(at) - self._point) @ self._normal)[..., None] * self.holonomic
-
-    def contact_axes(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
-        return self._contact(at), self._axes
-
-
-class _RollingBodyRows(_PlaneContactRows):
-    """Velocity of the material at the contact point, along the axes of the plane.
-
-    The arm goes from the frame's origin to the contact point. In the shape's axes the outward normal there turns at
-    ``R^T (w x n)``. Without pivoting there is the angular velocity about the normal too.
-    """
-
-    def __init__(self, kind: RollingBody, shape: BodyShape, plane: GroundPlane, robot: Robot) -> None:
-        self._shape, self._center, self._turned = shape, kind.placement.translation, kind.placement.rotation
-        super().__init__(kind.frame, self._center, kind.pivoting, plane, robot)
-
-    def _arm(self, rotation: np.ndarray) -> np.ndarray:
-        center = apply(rotation, np.broadcast_to(self._center, rotation.shape[:-1]))
-        return np.asarray(center + contact_arm(rotation @ self._turned, self._normal, self._shape.point))
-
-    def _arm_rate(self, rotation: np.ndarray, w: np.ndarray) -> np.ndarray:
-        axes = rotation @ self._turned
-        turning = apply_transposed(axes, vector_product(w, np.broadcast_to(self._normal, w.shape)))
-        moved = self._shape.point_rate(_outward(axes, self._normal), turning)
-        return np.asarray(vector_product(w, self._arm(rotation)) + apply(axes, moved))
-
-    def check_defined(self, at: PositionKinematics) -> None:
-        regularity = self._shape.regularity(_outward(at.rotation(self.frame) @ self._turned, self._normal))
-        check_defined("a body touches the ground at more than one point", at.q, regularity, FLAT, self.names)
-
-    def wrench(self, place: Placement) -> np.ndarray:
-        return contact_wrenches(self._axes, self._arm(place.rotation), len(self.names))
-
-    def wrench_rate(self, place: Placement, velocity: np.ndarray) -> np.ndarray:
-        moved = self._arm_rate(place.rotation, velocity[..., 3:])
-        # These axes belong to the plane, which does not turn: only the arm moves.
-        axes_rate = np.zeros((*moved.shape, 3))
-        return contact_wrench_rates(self._axes, axes_rate, np.zeros_like(moved), moved, len(self.names))
-
-    def _contact(self, at: PositionKinematics) -> np.ndarray:
-        """Contact points (..., 3) in the world."""
-        self.check_defined(at)
-        rotation, origin = at.placement(self.frame)
-        return origin + self._arm(rotation)
-
-    # ------------------------------------------------------------------ descriptions
-
-    def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
-        """Rows of the kernel; None for a shape of the user."""
-        frame = attached(model, self.frame, pin.SE3(self._turned, self._center))
-        support = support_numbers(self._shape)
-        if support is None:
-            return None
-        # The kernel has a closed support function only; a shape of the user is called from Python.
-        numbers = [[*axis, *self._normal, *support] for axis in self._axes]
-        pivot = wrench_rows(Form.WORLD, frame, [[0.0, 0.0, 0.0, *self._normal]], self.twist)
-        return [*wrench_rows(Form.ROLLING, frame, numbers, self.twist), *pivot][: len(self.names)]
+        return on_carrier(rows, self.frame, self.ground, robot)
 
 
 @dataclass(frozen=True)
@@ -575,26 +483,10 @@ class RollingBall:
         if not (is_number(self.radius) and self.radius > 0):
             raise ConstraintError(f"radius of ball '{self.frame}' has to be positive, found {self.radius!r}")
         if self.ground is None or isinstance(self.ground, GroundPlane):
-            rows = _RollingBallRows(self, self.ground or GroundPlane(), robot)
+            rows = _BallRows(self.frame, self.radius, _PARTS[:3], self.ground or GroundPlane(), robot)
             return on_carrier(rows, self.frame, self.ground, robot)
         # On curved ground the arm turns with the normal below the ball: a ball there is a body like any other.
         return RollingBody(self.frame, Sphere(self.radius), ground=self.ground).bind(robot)
-
-
-class _RollingBallRows(_PlaneContactRows, ConstantWrenchRows):
-    """Velocity of the material at a constant arm from the centre, along the axes of the plane."""
-
-    def __init__(self, kind: RollingBall, plane: GroundPlane, robot: Robot) -> None:
-        super().__init__(kind.frame, np.zeros(3), True, plane, robot)
-        self._ball, self._arm = kind, -kind.radius * self._normal
-        # The arm is constant in the world, so the rows are constant wrenches.
-        self.matrix = np.hstack([self._axes, np.cross(self._arm, self._axes)])
-
-    def _contact(self, at: PositionKinematics) -> np.ndarray:
-        return np.asarray(at.placement(self.frame).translation + self._arm)
-
-    def mechanisms(self) -> tuple[GroundContact]:
-        return (GroundContact(self._ball.frame, self._ball.radius),)
 
 
 @dataclass(frozen=True)
@@ -630,29 +522,40 @@ class Caster:
         if not (is_number(self.radius) and self.radius >= 0):
             raise ConstraintError(f"radius of caster '{self.frame}' has to be zero or positive, found {self.radius!r}")
         plane = admit_plane(self.ground, f"caster '{self.frame}'")
-        return on_carrier(_CasterRow(self, plane, robot), self.frame, self.ground, robot)
+        return on_carrier(
+            _BallRows(self.frame, self.radius, ("vertical",), plane, robot), self.frame, self.ground, robot
+        )
 
 
-class _CasterRow(ConstantWrenchRows):
-    """Velocity of the centre along the normal of the plane."""
+class _BallRows(BodyContactRows, ConstantWrenchRows):
+    """Velocity of the material at a constant arm from the centre of a ball, along the axes of a plane.
 
-    holonomic = (True,)
-    on_ground = True
-    units = ("m/s",)
+    Args:
+        frame: name of a frame at the centre of the ball.
+        radius: radius [m].
+        parts: word of each row; a caster has the last row only, on which motion of the ground has no effect.
+        plane: the plane.
+        robot: the robot.
+    """
 
-    def __init__(self, kind: Caster, plane: GroundPlane, robot: Robot) -> None:
-        self.names, self.frame = (f"vertical({kind.frame})",), robot.frame_id(kind.frame)
-        self.ground = None if plane.is_default else plane
-        self._caster, self._point, self._normal = kind, np.asarray(plane.point), plane.axes[2]
-        self.matrix = np.array([[*self._normal, 0.0, 0.0, 0.0]])
+    def __init__(self, frame: str, radius: float, parts: Sequence[str], plane: GroundPlane, robot: Robot) -> None:
+        self.frame, self.ground = robot.frame_id(frame), None if plane.is_default else plane
+        self.name_rows(frame, np.zeros(3), parts)
+        slides = len(parts) == 1
+        if not slides:
+            self.twist, self.affine = plane.twist, plane.moves
+        self._point, self._axes, self._normal = np.asarray(plane.point), plane.axes[-len(parts) :], plane.axes[2]
+        self._arm = -radius * self._normal
+        # The arm is constant in the world, so the rows are constant wrenches.
+        self.matrix = np.hstack([self._axes, np.cross(self._arm, self._axes)])
+        self._contact_of_body = GroundContact(frame, radius, friction="none" if slides else "all")
+
+    def contact_axes(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
+        return at.placement(self.frame).translation + self._arm, self._axes
 
     def residual(self, at: PositionKinematics) -> np.ndarray:
-        height = (at.placement(self.frame).translation - self._point) @ self._normal - self._caster.radius
-        return np.asarray(height[..., None])
-
-    def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
-        contact = at.placement(self.frame).translation[..., None, :] - self._caster.radius * self._normal
-        return contact, np.broadcast_to(self._normal, contact.shape)
+        contact, _ = self.contact_axes(at)
+        return np.asarray(((contact - self._point) @ self._normal)[..., None] * self.holonomic)
 
     def mechanisms(self) -> tuple[GroundContact]:
-        return (GroundContact(self._caster.frame, self._caster.radius, friction="none"),)
+        return (self._contact_of_body,)
