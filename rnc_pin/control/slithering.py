@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from math import atan, atan2, cos, hypot, sin, sqrt
+from collections.abc import Sequence
+from math import atan2, cos, hypot, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -252,8 +253,6 @@ def chord_end_between(
 ) -> PathPoint:
     """Return the point of a cubic Hermite curve between two places (x, y, heading) at distance L from (px, py).
 
-    The method is Newton's.
-
     Args:
         begin: first place [m, m, rad].
         end: second place [m, m, rad].
@@ -264,25 +263,34 @@ def chord_end_between(
     x0, y0, dx, dy = begin[0], begin[1], end[0] - begin[0], end[1] - begin[1]
     h = hypot(dx, dy)
     ux, uy, vx, vy = h * cos(begin[2]), h * sin(begin[2]), h * cos(end[2]), h * sin(end[2])
-    # x0 + ux s + b s^2 + a s^3
-    bx, by, ax, ay = 3 * dx - 2 * ux - vx, 3 * dy - 2 * uy - vy, ux + vx - 2 * dx, uy + vy - 2 * dy
-    s = 0.0
+    x, y = [x0, ux, 3 * dx - 2 * ux - vx, ux + vx - 2 * dx], [y0, uy, 3 * dy - 2 * uy - vy, uy + vy - 2 * dy]
+    # The point is between both places: beyond them the cubic is of no use.
+    return _chord_end(x, y, px, py, L, 0.0)[0]
+
+
+def _chord_end(
+    x: Sequence[float], y: Sequence[float], px: float, py: float, L: float, first: float
+) -> tuple[PathPoint, bool]:
+    """Point at distance L from (px, py) on a curve of polynomials x(s) and y(s), by Newton's method from s = 0.
+
+    Also return False if the method had to stop at the ends of ``first <= s <= 1``, or where the chord is across the
+    path; the caller raises the error then.
+    """
+    s, inside = 0.0, True
     for _ in range(12):  # a bound only: Newton's method is quadratic near the solution
-        x, y = x0 + s * (ux + s * (bx + s * ax)), y0 + s * (uy + s * (by + s * ay))
-        x_s, y_s = ux + s * (2 * bx + 3 * s * ax), uy + s * (2 * by + 3 * s * ay)
-        rx, ry = px - x, py - y
+        (here_x, x_s, x_ss), (here_y, y_s, y_ss) = _derivatives(x, s), _derivatives(y, s)
+        rx, ry = px - here_x, py - here_y
         slope = rx * x_s + ry * y_s
         if slope <= 0.0:
-            break  # the chord is across the path: the caller raises the error
+            inside = False
+            break
         step = (rx * rx + ry * ry - L * L) / (2 * slope)
-        # The point is between both places: beyond them the cubic is of no use.
-        moved = min(max(s + step, 0.0), 1.0)
+        moved = min(max(s + step, first), 1.0)
+        inside = inside and moved == s + step
         if abs(moved - s) < _CLOSE:
             break
         s = moved
-    speed = hypot(x_s, y_s)
-    bend = x_s * (2 * by + 6 * s * ay) - y_s * (2 * bx + 6 * s * ax)
-    return PathPoint(x, y, atan2(y_s, x_s), bend / speed**3)
+    return PathPoint(here_x, here_y, atan2(y_s, x_s), (x_s * y_ss - y_s * x_ss) / hypot(x_s, y_s) ** 3), inside
 
 
 def chord_end_fitted(
@@ -335,34 +343,15 @@ def chord_end_fitted(
     rows = np.concatenate([weight[:, None] * powers, lever[:, None] * slopes])
     right = np.concatenate([weight * values, lever * np.tan(turned)])
     curve = np.linalg.lstsq(rows, right, rcond=None)[0]
-    return _chord_end_along(curve.tolist(), near, px, py, L, window)
-
-
-def _chord_end_along(curve: list[float], near: PathPoint, px: float, py: float, L: float, window: float) -> PathPoint:
-    """Point at distance L from (px, py) on y(x), a polynomial in axes at ``near`` in units of the window, by Newton."""
-    x0, y0, axis, _ = near
-    c, s = cos(axis), sin(axis)
     ahead, left = (c * (px - x0) + s * (py - y0)) / window, (c * (py - y0) - s * (px - x0)) / window
-    square, u = (L / window) ** 2, 0.0
-    for _ in range(12):
-        y, slope, bend = _derivatives(curve, u)
-        rx, ry = ahead - u, left - y
-        along = rx + ry * slope
-        if along <= 0.0:
-            return near  # the chord is across the path: the caller raises the error
-        step = (rx * rx + ry * ry - square) / (2 * along)
-        u += step
-        if abs(u) > 1.0:
-            return near
-        if abs(step) < _CLOSE:
-            break
-    x, y = u * window, y * window
-    # The heading of y(x) relative to the axis of the window; its slope is dy/dx.
-    heading = axis + atan(slope)
-    return PathPoint(x0 + c * x - s * y, y0 + s * x + c * y, heading, bend / window / (1.0 + slope * slope) ** 1.5)
+    (u_end, y_end, heading, curvature), inside = _chord_end([0.0, 1.0], curve.tolist(), ahead, left, L / window, -1.0)
+    if not inside:
+        return near
+    x, y = u_end * window, y_end * window
+    return PathPoint(x0 + c * x - s * y, y0 + s * x + c * y, axis + heading, curvature / window)
 
 
-def _derivatives(curve: list[float], u: float) -> tuple[float, float, float]:
+def _derivatives(curve: Sequence[float], u: float) -> tuple[float, float, float]:
     """Polynomial and its first two derivatives, by Horner's scheme."""
     y = slope = bend = 0.0
     for coefficient in reversed(curve):
