@@ -24,8 +24,8 @@ from rnc_pin.constraints.surfaces import (
     support_numbers,
 )
 from rnc_pin.errors import ConstraintError
-from rnc_pin.math.linear_algebra import Entry, apply, cross, cross_columns, dot, vector_product
-from rnc_pin.model.frame_rows import FLAT, ConstantWrenchRows, WrenchRows, point_name, triple
+from rnc_pin.math.linear_algebra import Component, Entry, apply, components, cross, dot, vector_product
+from rnc_pin.model.frame_rows import FLAT, ConstantWrenchRows, WrenchRows, evaluated, point_name, rate_of, triple
 from rnc_pin.model.input_validation import NotNegative, Positive, Vector, is_number
 from rnc_pin.model.kinematics import Placement, PositionKinematics
 from rnc_pin.model.rows import GroundContact, Rows, check_defined
@@ -57,36 +57,34 @@ class SurfaceContact(NamedTuple):
         """Matrix M = I + (B + d) K of the nearest points (..., 3, 3)."""
         return np.asarray(_EYE + (self.spread + self.gap[..., None, None] * _EYE) @ self.turning)
 
-
-def contact_wrenches(axes: np.ndarray, arm: np.ndarray, count: int) -> np.ndarray:
-    """Wrenches (..., k, 6) of a contact: forces along its axes at an arm, and a torque about its normal.
-
-    Args:
-        axes: two axes along the ground and its normal, as rows (..., 3, 3).
-        arm: vector from the frame's origin to the contact point (..., 3).
-        count: number of wrenches, 3 without the torque, else 4.
-    """
-    moments = cross_columns(arm, axes.mT).mT
-    axes = np.broadcast_to(axes, moments.shape)
-    torque = np.concatenate([np.zeros_like(moments[..., :1, :]), axes[..., 2:, :]], axis=-1)
-    return np.concatenate([np.concatenate([axes, moments], axis=-1), torque], axis=-2)[..., :count, :]
+    def directions(self) -> list[Sequence[Component]]:
+        """Arm, normal and ``along`` by their components."""
+        return [components(each) for each in (self.arm, self.normal, self.along)]
 
 
-def contact_wrench_rates(
-    axes: np.ndarray, axes_rate: np.ndarray, arm: np.ndarray, arm_rate: np.ndarray, count: int
-) -> np.ndarray:
-    """Rates of ``contact_wrenches``.
+def contact_axes(normal: Sequence[Entry], along: Sequence[Entry]) -> list[Sequence[Entry]]:
+    """Two axes along the ground and its normal, (3,) each.
 
     Args:
-        axes: two axes along the ground and its normal, as rows (..., 3, 3).
-        axes_rate: rates of the axes (..., 3, 3) [1/s].
-        arm: vector from the frame's origin to the contact point (..., 3) [m].
-        arm_rate: rate of the arm (..., 3) [m/s].
-        count: number of wrenches, 3 without the torque, else 4.
+        normal: unit normal of the ground (3,).
+        along: direction (3,) whose projection on the surface is the first axis.
     """
-    found = contact_wrenches(axes_rate, arm, count)
-    found[..., :3, 3:] += cross_columns(arm_rate, axes.mT).mT
-    return found
+    leaning = dot(normal, along)
+    across = [a - leaning * n for a, n in zip(along, normal, strict=True)]
+    length = dot(across, across) ** 0.5
+    first = [each / length for each in across]
+    return [first, cross(normal, first), normal]
+
+
+def contact_wrenches(arm: Sequence[Entry], normal: Sequence[Entry], along: Sequence[Entry]) -> list[list[Entry]]:
+    """Wrenches (4, 6) of a contact: forces along its axes at an arm, and a torque about its normal.
+
+    Args:
+        arm: vector from the frame's origin to the contact point (3,).
+        normal: unit normal of the ground (3,).
+        along: direction (3,) whose projection on the surface is the first axis.
+    """
+    return [*([*axis, *cross(arm, axis)] for axis in contact_axes(normal, along)), [0.0, 0.0, 0.0, *normal]]
 
 
 def curved_gradient(away: Sequence[Entry], scale: Entry, axis: Sequence[Entry]) -> list[Entry]:
@@ -126,12 +124,7 @@ def curved_wrench(
     gradient = curved_gradient(away, scale, axis)
     length = dot(gradient, gradient) ** 0.5
     normal = [each / length for each in gradient]
-    leaning = dot(normal, along)
-    across = [a - leaning * n for a, n in zip(along, normal, strict=True)]
-    length = dot(across, across) ** 0.5
-    first = [each / length for each in across]
-    second = cross(normal, first)
-    forces = zip(first, second, normal, strict=True)
+    forces = zip(*contact_axes(normal, along), strict=True)
     force = [weights[0] * a + weights[1] * b + weights[2] * n for a, b, n in forces]
     arm = [-radius * n for n in normal]
     return [*force, *(m + weights[3] * n for m, n in zip(cross(arm, force), normal, strict=True))]
@@ -278,24 +271,6 @@ class SurfaceContactRows(BodyContactRows):
         normal = apply(found.turning, _solve(found.relative, along[..., None])[..., 0])
         return vector_product(w, found.arm) + turned - apply(found.spread, normal), normal
 
-    def _axes(self, found: SurfaceContact) -> np.ndarray:
-        """Two directions along the surface and its normal, as rows (..., 3, 3)."""
-        direction, normal = found.along, found.normal
-        along = direction - normal * scalar_product(normal, direction)
-        first = along / scalar_product(along, along) ** 0.5
-        return np.stack([first, vector_product(normal, first), normal], axis=-2)
-
-    def _axes_rate(self, found: SurfaceContact, rate: np.ndarray) -> np.ndarray:
-        """Rate of the axes (..., 3, 3) for a rate of the normal (..., 3)."""
-        direction, normal = found.along, found.normal
-        along = direction - normal * scalar_product(normal, direction)
-        length = scalar_product(along, along) ** 0.5
-        first = along / length
-        # Rate of the projection, then of its unit vector: the axes follow the surface without slope of their own.
-        turned = -rate * scalar_product(normal, direction) - normal * scalar_product(rate, direction)
-        turned = (turned - first * scalar_product(first, turned)) / length
-        return np.stack([turned, vector_product(rate, first) + vector_product(normal, turned), rate], axis=-2)
-
     def _direction(self, normal: np.ndarray) -> np.ndarray:
         """Direction (..., 3) that is projected on the surface: a constant one, or another where that has no length."""
         along = self._surface.along
@@ -330,13 +305,13 @@ class SurfaceContactRows(BodyContactRows):
 
     def wrench(self, place: Placement) -> np.ndarray:
         found = self._found(place)
-        return contact_wrenches(self._axes(found), found.arm, len(self.names))
+        return evaluated(contact_wrenches, found.directions())[..., : len(self.names), :]
 
     def wrench_rate(self, place: Placement, velocity: np.ndarray) -> np.ndarray:
-        found, v, w = self._found(place), velocity[..., :3], velocity[..., 3:]
-        arm_rate, normal_rate = self._rates(found, v, w)
-        axes, axes_rate = self._axes(found), self._axes_rate(found, normal_rate)
-        return contact_wrench_rates(axes, axes_rate, found.arm, arm_rate, len(self.names))
+        found = self._found(place)
+        rates = [components(each) for each in self._rates(found, velocity[..., :3], velocity[..., 3:])]
+        # The axes follow the surface: the direction that is projected on it is constant.
+        return rate_of(contact_wrenches, found.directions(), [*rates, [0.0] * 3])[..., : len(self.names), :]
 
     def residual(self, at: PositionKinematics) -> np.ndarray:
         return np.asarray(self._contact(at).gap[..., None] * self.holonomic)
@@ -345,7 +320,8 @@ class SurfaceContactRows(BodyContactRows):
 
     def contact_axes(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
         found = self._contact(at)
-        return at.placement(self.frame).translation + found.arm, self._axes(found)
+        _, *directions = found.directions()
+        return at.placement(self.frame).translation + found.arm, evaluated(contact_axes, directions)
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
         """Rows of the kernel for a known shape on a plane, or a ball on a sphere or cylinder; None for other ones.
