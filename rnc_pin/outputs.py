@@ -424,13 +424,13 @@ class _DistanceRow(OutputRows):
         return _bias(self._vector(at), self._relative(at.velocity), self._relative(at.acceleration))
 
     def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
-        a, b = at.frame_gradients(self._a), at.frame_gradients(self._b)
+        by_velocity, by_acceleration = (at.frame_gradients(self._b) - at.frame_gradients(self._a))[:, :3]
         # Both motions have exact derivatives by Pinocchio; the formula that joins them is analytic.
         return complex_step(
             _bias,
             (self._vector(at), (at.jacobian(self._b) - at.jacobian(self._a))[:3]),
-            (self._relative(at.velocity), b.velocity - a.velocity),
-            (self._relative(at.acceleration), b.acceleration - a.acceleration),
+            (self._relative(at.velocity), by_velocity),
+            (self._relative(at.acceleration), by_acceleration),
         )
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow]:

@@ -161,10 +161,7 @@ class FrameVelocityRows(Rows):
         return at.acceleration(self._frame, self._axes, self._rows)
 
     def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
-        if self._axes == OWN_AXES:
-            return at.own_acceleration_gradient(self._frame)[self._rows]
-        motion = at.frame_gradients(self._frame)
-        return np.vstack([motion.acceleration, motion.angular_acceleration])[self._rows]
+        return at.frame_gradients(self._frame, self._axes)[1][self._rows]
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
         form = Form.OWN if self._axes == OWN_AXES else Form.WORLD
@@ -271,15 +268,15 @@ class WrenchRows(Rows):
         self.check_defined(at)
         # The formula is analytic in the frame's place and motion, whose derivatives Pinocchio has: the complex step
         # joins them exactly.
-        motion, J, place = at.frame_gradients(self.frame), at.jacobian(self.frame), at.placement(self.frame)
+        gradients, J, place = at.frame_gradients(self.frame), at.jacobian(self.frame), at.placement(self.frame)
         # Rotating by a column w of the angular Jacobian changes each axis e of the frame by w x e.
         turned = np.cross(J[3:, None, :], place.rotation[:, :, None], axis=0)  # (3, 3, nv)
         return complex_step(
             lambda flat, origin, *motions: self._bias(Placement(flat.reshape(-1, 3, 3), origin), *motions),
             (place.rotation.ravel(), turned.reshape(9, -1)),
             (place.translation, J[:3]),
-            (at.velocity(self.frame), np.vstack([motion.velocity, motion.angular_velocity])),
-            (at.acceleration(self.frame), np.vstack([motion.acceleration, motion.angular_acceleration])),
+            (at.velocity(self.frame), gradients[0]),
+            (at.acceleration(self.frame), gradients[1]),
         )
 
 

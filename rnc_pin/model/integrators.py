@@ -24,12 +24,12 @@ from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.robots.robot import Robot
 
 __all__ = [
-    "AdaptiveIntegrator",
     "ExponentialCoordinates",
     "ExponentialRungeKutta4",
     "LieRungeKutta4",
     "LinearPart",
     "Rate",
+    "adaptive_motion",
     "phi_functions",
 ]
 
@@ -238,9 +238,6 @@ class LieRungeKutta4:
 
 # ------------------------------------------------------------------ equal steps with damping
 
-_PHI_SERIES = [[1.0 / factorial(k + last) for k in reversed(range(18))] for last in range(5)]
-"""Coefficients of the series of each phi function, from the highest power: 18 terms reach rounding for |x| < 1."""
-
 
 class LinearPart(NamedTuple):
     """Linear part L of the motion, frozen during a step: decay of the velocities w, and the states that they drive.
@@ -350,30 +347,14 @@ class ExponentialRungeKutta4:
 def phi_functions(x: np.ndarray, last: int) -> list[np.ndarray]:
     """Functions ``phi_0(x) = exp(x)``, ``phi_k+1(x) = (phi_k(x) - 1/k!) / x`` up to ``last``, for x <= 0.
 
-    Near zero the upward recurrence loses digits by cancellation. There a series gives the last function, and the
-    downward recurrence gives the others.
+    They are Kummer's functions ``1F1(1; k + 1; x) / k!``, exact to rounding near zero too.
 
     Args:
         x: numbers that are not positive, of any shape.
         last: index of the last function.
     """
-    if not x.any():
-        return [np.full_like(x, 1.0 / factorial(k)) for k in range(last + 1)]
-    # Beyond, the recurrence divides by a number above one and loses no digits; nearer, it would lose all of them.
-    far = x < -_SERIES_BELOW
-    near = np.where(far, 0.0, x)
-    series = np.zeros_like(x)
-    for coefficient in _PHI_SERIES[last]:
-        series = series * near + coefficient
-    values = [series]
-    for k in reversed(range(last)):
-        values.insert(0, near * values[0] + 1.0 / factorial(k))
-    if far.any():
-        values[0] = np.where(far, np.exp(x), values[0])
-        divisor = np.where(far, x, 1.0)
-        for k in range(last):
-            values[k + 1] = np.where(far, (values[k] - 1.0 / factorial(k)) / divisor, values[k + 1])
-    return values
+    orders = range(1, last + 1)
+    return [np.exp(x), *(scipy.special.hyp1f1(1.0, k + 1.0, x) / factorial(k) for k in orders)]
 
 
 # ------------------------------------------------------------------ adaptive steps
@@ -383,95 +364,83 @@ Settle = Callable[[Array, Array], tuple[Array, Array]]
 Samples = tuple[Array, Array, Array]
 
 
-class AdaptiveIntegrator:
-    """SciPy's eighth-order Dormand-Prince method with step-size control, in local coordinates.
+def adaptive_motion(
+    robot: Robot, local_rate: LocalRate, times: Array, q0: Array, y0: Array, *, rtol: float, atol: float, settle: Settle
+) -> Iterator[Samples]:
+    """Yield the states (t, q, y) at the increasing ``times`` in blocks (count, ...); the first is (q0, y0).
 
-    Each step runs in the coordinates ``q = q_k (+) u`` about the configuration at its start. The next chart is centred
-    at its end. Quaternions therefore keep unit length, and no step leaves its chart. The next step starts from the
-    result of ``settle``.
+    SciPy's eighth-order Dormand-Prince method with step-size control, in local coordinates: each step runs in the
+    coordinates ``q = q_k (+) u`` about the configuration at its start. The next chart is centred at its end. So
+    quaternions keep unit length, and no step leaves its chart. The next step starts from the result of ``settle``.
+
+    Between the ends of steps, the method's seventh-order interpolation applies. A block has the samples of one step
+    before its end, in the chart of this step, or the sample at its end.
 
     Args:
         robot: robot of the configurations.
         local_rate: ``local_rate(t, q_k, x) -> xdot`` of coordinates ``x = (u, y)``; y holds all other states, in a
             linear space.
+        times: increasing times (N,) [s].
+        q0: configuration (nq,) at the first one.
+        y0: all other states there.
         rtol, atol: relative and absolute tolerance of a step. Only the absolute one applies to positions, because u
             starts at zero.
         settle: maps (q, y) at the end of a step to an equivalent state, for example in another chart.
 
+    Raises:
+        DivergenceError: steps become too short, for example near a singularity.
+
     Example:
-        >>> from rnc_pin.model.integrators import AdaptiveIntegrator, ExponentialCoordinates
+        >>> from rnc_pin.model.integrators import ExponentialCoordinates, adaptive_motion
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
         >>> exponential, circle = ExponentialCoordinates(robot), lambda q, y: (np.array([1.0, 0.0, 1.0]), -y)
         >>> rate = lambda t, q, x: np.concatenate(exponential.derivative(circle, q, x[:3], x[3:]))
-        >>> integrator = AdaptiveIntegrator(robot, rate, rtol=1e-10, atol=1e-10)
-        >>> blocks = list(integrator.run(np.array([0.0, 1.0, np.pi]), robot.configuration(), np.ones(1)))
+        >>> start = np.array([0.0, 1.0, np.pi]), robot.configuration(), np.ones(1)
+        >>> same = lambda q, y: (q, y)
+        >>> blocks = list(adaptive_motion(robot, rate, *start, rtol=1e-10, atol=1e-10, settle=same))
         >>> t, q, y = (each[-1] for each in blocks[-1])
         >>> q.round(6) + 0.0, y.round(6)  # half a circle of radius 1, and exp(-pi)
         (array([ 0.,  2., -1.,  0.]), array([0.043214]))
     """
+    q, nv = np.array(q0, dtype=float), robot.nv
 
-    def __init__(
-        self, robot: Robot, local_rate: LocalRate, rtol: float, atol: float, settle: Settle | None = None
-    ) -> None:
-        self._model, self._nv, self._local_rate = robot.model, robot.nv, local_rate
-        self._rtol, self._atol, self._settle = rtol, atol, settle
+    def chart_rate(t: float, x: Array) -> Array:
+        return local_rate(t, q, x)
 
-    def run(self, times: Array, q0: Array, y0: Array) -> Iterator[Samples]:
-        """Yield the states (t, q, y) at the increasing ``times`` in blocks (count, ...); the first is (q0, y0).
-
-        Between the ends of steps, the method's seventh-order interpolation applies. A block has the samples of one
-        step before its end, in the chart of this step, or the sample at its end.
-
-        Args:
-            times: increasing times (N,) [s].
-            q0: configuration (nq,) at the first one.
-            y0: all other states there.
-
-        Raises:
-            DivergenceError: steps become too short, for example near a singularity.
-        """
-        q, nv = np.array(q0, dtype=float), self._nv
-
-        def chart_rate(t: float, x: Array) -> Array:
-            return self._local_rate(t, q, x)
-
-        # Each chart begins at its own origin.
-        x0 = np.concatenate([np.zeros(nv), y0])
-        yield _block(times[:1], q, x0[nv:])
-        span = float(times[0]), x0, float(times[-1])
-        solver = scipy.integrate.DOP853(chart_rate, *span, rtol=self._rtol, atol=self._atol)
-        # Near a singularity the steps shrink without end: so many in a row that are a billionth of the run end it.
-        shortest, patience = 1e-9 * float(times[-1] - times[0]), 50
-        due = 1
-        short = 0
-        while due < len(times):
-            solver.step()
-            short = short + 1 if solver.step_size is None or solver.step_size < shortest else 0
-            if solver.status == "failed" or short > patience:
-                raise DivergenceError(
-                    "the step size is too small: the motion runs into a singularity, or the "
-                    f"tolerances (rtol {self._rtol:g}, atol {self._atol:g}) are finer than rounding allows",
-                    time=float(solver.t),
-                )
-            end = due + int(np.searchsorted(times[due:], solver.t))
-            if end > due:
-                x = solver.dense_output()(times[due:end])
-                inside = np.array([pin.integrate(self._model, q, u) for u in np.ascontiguousarray(x[:nv].T)])
-                yield times[due:end], inside, np.ascontiguousarray(x[nv:].T)
-                due = end
-            # The next chart; chart_rate sees the new q.
-            q = pin.integrate(self._model, q, solver.y[:nv])
-            y = solver.y[nv:]
-            if self._settle is not None:
-                q, y = self._settle(q, y)
-            # A chart per step: local coordinates stay small, and far from where their derivative is singular.
-            solver.y = np.concatenate([np.zeros(nv), y])
-            if due < len(times) and times[due] == solver.t:
-                yield _block(times[due : due + 1], q, y)
-                due += 1
-            if due < len(times):
-                # The solver begins a step with the slope at the end of the last one, which was in the old chart.
-                solver.f = chart_rate(solver.t, solver.y)
+    # Each chart begins at its own origin.
+    x0 = np.concatenate([np.zeros(nv), y0])
+    yield _block(times[:1], q, x0[nv:])
+    span = float(times[0]), x0, float(times[-1])
+    solver = scipy.integrate.DOP853(chart_rate, *span, rtol=rtol, atol=atol)
+    # Near a singularity the steps shrink without end: so many in a row that are a billionth of the run end it.
+    shortest, patience = 1e-9 * float(times[-1] - times[0]), 50
+    due = 1
+    short = 0
+    while due < len(times):
+        solver.step()
+        short = short + 1 if solver.step_size is None or solver.step_size < shortest else 0
+        if solver.status == "failed" or short > patience:
+            raise DivergenceError(
+                "the step size is too small: the motion runs into a singularity, or the "
+                f"tolerances (rtol {rtol:g}, atol {atol:g}) are finer than rounding allows",
+                time=float(solver.t),
+            )
+        end = due + int(np.searchsorted(times[due:], solver.t))
+        if end > due:
+            x = solver.dense_output()(times[due:end])
+            inside = np.array([pin.integrate(robot.model, q, u) for u in np.ascontiguousarray(x[:nv].T)])
+            yield times[due:end], inside, np.ascontiguousarray(x[nv:].T)
+            due = end
+        # The next chart; chart_rate sees the new q.
+        q, y = settle(pin.integrate(robot.model, q, solver.y[:nv]), solver.y[nv:])
+        # A chart per step: local coordinates stay small, and far from where their derivative is singular.
+        solver.y = np.concatenate([np.zeros(nv), y])
+        if due < len(times) and times[due] == solver.t:
+            yield _block(times[due : due + 1], q, y)
+            due += 1
+        if due < len(times):
+            # The solver begins a step with the slope at the end of the last one, which was in the old chart.
+            solver.f = chart_rate(solver.t, solver.y)
 
 
 def _block(times: Array, q: Array, y: Array) -> Samples:

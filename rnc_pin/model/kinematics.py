@@ -39,15 +39,6 @@ class Placement(NamedTuple):
     """(..., 3) [m]"""
 
 
-class FrameDerivatives(NamedTuple):
-    """Derivatives of a frame's motion, in world axes, along the tangent space at q, (..., 3, nv) each."""
-
-    velocity: np.ndarray
-    angular_velocity: np.ndarray
-    acceleration: np.ndarray
-    angular_acceleration: np.ndarray
-
-
 class Kinematics:
     """Pinocchio's model and data of a robot. Threads take turns at the data.
 
@@ -398,22 +389,15 @@ class VelocityKinematics(PositionKinematics):
         self._at.check_rates(frame)
         return self._rates.get(pin.getFrameJacobianTimeVariation, (6, self._at.nv), frame, axes)
 
-    def own_acceleration_gradient(self, frame: int) -> np.ndarray:
-        """Derivative of the frame's acceleration in its own axes with respect to q at fixed v, (..., 6, nv).
+    def frame_gradients(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES) -> np.ndarray:
+        """Derivatives of ``velocity`` and ``acceleration`` with respect to q at fixed v, (..., 2, 6, nv).
 
         Args:
             frame: index of the frame in the model.
+            axes: axes of the components: those of the world, or the frame's own.
         """
-        return self._derivatives.get(_own_gradients, (2, 6, self._at.nv), frame)[..., 1, :, :]
-
-    def frame_gradients(self, frame: int) -> FrameDerivatives:
-        """Derivatives of ``velocity`` and ``acceleration`` in world axes with respect to q at fixed v.
-
-        Args:
-            frame: index of the frame in the model.
-        """
-        found = self._derivatives.get(_frame_gradients, (4, 3, self._at.nv), frame)
-        return FrameDerivatives(*np.moveaxis(found, -3, 0))
+        read = _frame_gradients if axes == WORLD_AXES else _own_gradients
+        return self._derivatives.get(read, (2, 6, self._at.nv), frame)
 
 
 # ---------------------------------------------------------------------- updates of Pinocchio's data
@@ -498,7 +482,7 @@ def _own_gradients(model: pin.Model, data: pin.Data, frame: int) -> np.ndarray:
 
 
 def _frame_gradients(model: pin.Model, data: pin.Data, frame: int) -> np.ndarray:
-    """Derivatives of velocity, angular velocity, classical and angular acceleration, in world axes, (4, 3, nv).
+    """Derivatives of the frame's velocity and classical acceleration in world axes, (2, 6, nv).
 
     Pinocchio differentiates components along the frame's own axes. The rotation to world axes adds a term, because the
     frame's rotation depends on q.
@@ -514,7 +498,7 @@ def _frame_gradients(model: pin.Model, data: pin.Data, frame: int) -> np.ndarray
     point_q = a_q[:3] - pin.skew(v.linear) @ v_q[3:] + pin.skew(v.angular) @ v_q[:3]
     own = (v.linear, v_q[:3]), (v.angular, v_q[3:]), (point, point_q), (a.angular, a_q[3:])
     # A vector in own axes turns with the frame: its gradient in the world has the part of that rotation too.
-    return np.stack([turn @ (gradient - pin.skew(vector) @ twist) for vector, gradient in own])
+    return np.stack([turn @ (gradient - pin.skew(vector) @ twist) for vector, gradient in own]).reshape(2, 6, -1)
 
 
 def _inverse_dynamics_gradient(

@@ -12,15 +12,7 @@ from numpy import ndarray as Array
 from rnc_pin._kernel.kernel_rows import Form, KernelRow, Value, attached
 from rnc_pin.math.linear_algebra import apply, apply_transposed, complex_step, cross_columns, vector_product
 from rnc_pin.model.cached_property import cached_property
-from rnc_pin.model.kinematics import (
-    ALL,
-    WORLD_AXES,
-    Components,
-    FrameDerivatives,
-    Placement,
-    PositionKinematics,
-    VelocityKinematics,
-)
+from rnc_pin.model.kinematics import ALL, WORLD_AXES, Components, Placement, PositionKinematics, VelocityKinematics
 from rnc_pin.model.rows import ConstantRows, JointCoupler, Rows
 from rnc_pin.robots.robot import Robot
 from rnc_pin.robots.sources.description import Mimic
@@ -96,16 +88,16 @@ class RelativeKinematics(VelocityKinematics):
         _check_axes(axes)
         return _relative_acceleration(self._place.rotation, self._offset(frame), *motions)[..., rows]
 
-    def frame_gradients(self, frame: int) -> FrameDerivatives:
+    def frame_gradients(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES) -> Array:
+        _check_axes(axes)
         at, carrier, rotation = self._in_motion, self._carrier, self._place.rotation
         # The relative motion is a formula of both motions: the complex step joins their exact derivatives.
         J, J_carrier = at.jacobian(frame), at.jacobian(carrier)
         turned = np.cross(J_carrier[3:, None, :], rotation[:, :, None], axis=0)  # (3, 3, nv)
         motions = []
         for each in (frame, carrier):
-            found = at.frame_gradients(each)
-            motions.append((at.velocity(each), np.vstack([found.velocity, found.angular_velocity])))
-            motions.append((at.acceleration(each), np.vstack([found.acceleration, found.angular_acceleration])))
+            by_velocity, by_acceleration = at.frame_gradients(each)
+            motions += [(at.velocity(each), by_velocity), (at.acceleration(each), by_acceleration)]
 
         def relative(flat: Array, d: Array, v: Array, a: Array, *carried: Array) -> Array:
             turn = flat.reshape(-1, 3, 3)
@@ -114,7 +106,7 @@ class RelativeKinematics(VelocityKinematics):
 
         offset = self._offset(frame), (J - J_carrier)[:3]
         gradient = complex_step(relative, (rotation.ravel(), turned.reshape(9, -1)), offset, *motions)
-        return FrameDerivatives(*gradient.reshape(4, 3, -1))
+        return gradient.reshape(2, 6, -1)
 
 
 def _check_axes(axes: pin.ReferenceFrame) -> None:

@@ -35,8 +35,8 @@ def test_a_frame_beside_another_moves_as_one_that_is_there(moved):
         near(rows.jacobian_dot(at), expected.jacobian_dot(there)[..., :3, :])
         near(rows.bias_acceleration(at), expected.acceleration(there)[..., :3])
     at = Kinematics(robot).position(q[1, 1]).with_velocity(v[1, 1])
-    expected = Kinematics(rnc.Robot(model)).position(q[1, 1]).with_velocity(v[1, 1]).frame_gradients(there).acceleration
-    near(rows.bias_acceleration_gradient(at), expected)
+    expected = Kinematics(rnc.Robot(model)).position(q[1, 1]).with_velocity(v[1, 1]).frame_gradients(there)
+    near(rows.bias_acceleration_gradient(at), expected[1, :3])
 
 
 def test_actuators_pull_where_they_are():
