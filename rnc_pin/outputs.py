@@ -17,7 +17,7 @@ from rnc_pin.model.frame_rows import DirectionRows, FrameVelocityRows, axis_inde
 from rnc_pin.model.input_validation import Axes, Axis
 from rnc_pin.model.kinematics import OWN_AXES, WORLD_AXES, PositionKinematics, VelocityKinematics
 from rnc_pin.model.rows import ConstantRows, OutputKind, OutputRows, check_defined
-from rnc_pin.model.user_functions import DerivedRate, UserFunction, check_rate
+from rnc_pin.model.user_functions import UserFunction, check_rate, derived_rate
 from rnc_pin.robots.model_checks import joints_with_moving_axes
 from rnc_pin.robots.robot import Robot
 
@@ -587,7 +587,7 @@ class _CustomRows(OutputRows):
         # A rate that is wrong by a sign leaves the Jacobian right: only differences at moving states show it.
         if kind.jacobian_dot is not None:
             check_rate(robot, self._jacobian, kind.jacobian_dot, labels, self.names)
-        rate = kind.jacobian_dot or DerivedRate(robot, self._jacobian, labels[0] + whose)
+        rate = kind.jacobian_dot or derived_rate(robot, self._jacobian, labels[0] + whose)
         self._jacobian_dot = UserFunction(rate, shape, labels[1])
 
     def value(self, at: PositionKinematics) -> np.ndarray:

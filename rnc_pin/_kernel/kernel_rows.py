@@ -154,10 +154,8 @@ def wrench_rows(
     if form == Form.WORLD and not twist[3:].any():  # the material has the same velocity everywhere
         return [KernelRow(form, (frame,), (), each, float(twist[:3] @ each[:3])) for each in numbers]
     # The twist has its place whatever numbers the form has: the kernel looks for it there.
-    return [
-        KernelRow(form, (frame,), (0, 1), [*each, *[0.0] * (AT_GROUND - len(each)), *twist.tolist()])
-        for each in numbers
-    ]
+    padded = ([*each, *[0.0] * (AT_GROUND - len(each)), *twist.tolist()] for each in numbers)
+    return [KernelRow(form, (frame,), (0, 1), each) for each in padded]
 
 
 def component_rows(form: Form, frame: AttachedFrame, components: Sequence[int]) -> list[KernelRow]:

@@ -17,7 +17,7 @@ from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.coordinates import Coordinates, left_jacobian
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics, over_states
 from rnc_pin.model.rows import OutputKind, OutputRows, Rows
-from rnc_pin.model.user_functions import DerivedRate, Function, Rate, UserFunction, central_difference, check_rate
+from rnc_pin.model.user_functions import Function, Rate, UserFunction, central_difference, check_rate, derived_rate
 from rnc_pin.robots.robot import Robot
 
 _WHOSE = " of a Pfaffian constraint"
@@ -335,7 +335,7 @@ class _PfaffianRows(Rows):
         if given is not None:
             labels = f"{name}(q)", f"{name}_dot(q, v){_WHOSE}"
             check_rate(robot, function, given, labels, self.names, timed=timed)
-        rate = given or DerivedRate(robot, function, f"{name}(q){_WHOSE}", timed)
+        rate = given or derived_rate(robot, function, f"{name}(q){_WHOSE}", timed)
         self._admit(f"{name}_dot", "q, v", rate)
 
     def _residual_rate(self, q: Array, v: Array, *t: float) -> Array:

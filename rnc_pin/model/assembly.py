@@ -17,6 +17,7 @@ from rnc_pin.model.kinematics import Kinematics, PositionKinematics
 from rnc_pin.model.rows import Rows
 from rnc_pin.robots.robot import Robot
 
+_STEPS = 100  # of the projection, at most
 _GOOD = 1e-11  # residual below which rows are satisfied [m or rad]
 _FAR = 1e-3  # residual that is not small [m or rad]: the iteration does not converge, or the rows are out of reach
 
@@ -115,17 +116,12 @@ class Assembly:
             raise InputError(
                 f"expected one configuration of {self.robot.nq} finite numbers, found shape {q.shape}: {q}"
             )
-        # In the metric of inertia heavy bodies stay and light ones move, as a mechanism that closes would.
-        found, residual, closed = self._closest(q, hold, t=t)
-        if closed:
-            return found
-        # A light body far from its place would rather turn than move: the nearest by inertia may lead nowhere.
-        other, _, closed = self._closest(q, hold, by_inertia=False, t=t)
-        if closed:
-            return other
-        raise ConstraintError(
-            f"no configuration near q satisfies {', '.join(self.names)}: {_worst_row(self, residual)}"
-        )
+        found, residual, closed = self._closest(q, hold, t)
+        if not closed:
+            raise ConstraintError(
+                f"no configuration near q satisfies {', '.join(self.names)}: {_worst_row(self, residual)}"
+            )
+        return found
 
     def remedy(self, name: str) -> str:
         """Proposal for a row that is not satisfied: on a ball as ground, bodies roll outside. Empty without one.
@@ -138,11 +134,15 @@ class Assembly:
         return "; its ground is hollow: inside=False if bodies roll on the outside of a ball or pipe" if outside else ""
 
     def _closest(
-        self, q: Array, hold: Sequence[str] = (), by_inertia: bool = True, t: float | None = None, steps: int = 100
+        self, q: Array, hold: Sequence[str] = (), t: float | None = None, steps: int = _STEPS
     ) -> tuple[Array, Array, bool]:
-        """Configuration near q with the smallest residual, this residual (h,), and True if the rows are satisfied.
+        """Configuration near q, its residual (h,), and True if the rows are satisfied.
 
-        Steps are the shortest by kinetic energy, or by the sum of squares of the entries.
+        Args:
+            q: initial configuration (nq,).
+            hold: names of joints that keep their positions.
+            t: time, for rheonomic rows [s].
+            steps: largest number of steps that are the shortest by kinetic energy.
         """
         if not self._places:
             return q, np.zeros(0), True
@@ -150,17 +150,17 @@ class Assembly:
         # Joints that are held have no columns in the step: the others alone close the loop.
         for joint in hold:
             free[self.robot.velocity_indices(joint)] = False
-        found, residual = self._descended(q, free, self.leading, by_inertia, t, steps)
-        if not self.leading.all() and not self._good(residual):
-            found, residual = self._descended(q, free, np.ones(self.size, dtype=bool), by_inertia, t, steps)
-            return found, residual, bool(np.abs(residual).max() <= _GOOD)
-        return found, residual, self._good(residual)
-
-    def _good(self, residual: Array) -> bool:
-        """Return True if the rows are satisfied; rows that are dependent to rounding have a larger tolerance."""
         # Rows that depend on others to the rounding of a file's numbers cannot be closer than that rounding.
-        rounded = 1e-4  # [m or rad]
-        return bool((np.abs(residual) <= np.where(self.leading, _GOOD, rounded)).all())
+        rounded, everything = 1e-4, np.ones(self.size, dtype=bool)  # [m or rad]
+        attempts = [(self.leading, np.where(self.leading, _GOOD, rounded)), (everything, _GOOD)]
+        # In the metric of inertia heavy bodies stay and light ones move, as a mechanism that closes would. But a light
+        # body far from its place would rather turn than move: then the shortest steps in the entries of v follow.
+        for by_inertia, most in ((True, steps), (False, _STEPS)):
+            for rows, allowed in attempts[: 1 if self.leading.all() else 2]:
+                found, residual = self._descended(q, free, rows, by_inertia, t, most)
+                if (np.abs(residual) <= allowed).all():
+                    return found, residual, True
+        return found, residual, False
 
     def _descended(
         self, q: Array, free: Array, rows: Array, by_inertia: bool, t: float | None, steps: int
@@ -206,8 +206,6 @@ class Assembly:
             with suppress(SingularityError):
                 drawn = self.robot.random_configuration(generator, spread)
                 found, residual, closed = self._closest(drawn, steps=drawn_steps)
-                if not closed:  # of many light bodies, at nearly every draw one would rather turn than move
-                    found, residual, closed = self._closest(drawn, by_inertia=False)
                 if closed:
                     return found
                 failures.append(float(np.linalg.norm(residual)))

@@ -7,7 +7,6 @@ array below of the same name takes its place, unless it is None.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypeVar
 
 import numpy as np
 from numpy import ndarray as Array
@@ -27,8 +26,6 @@ from rnc_pin.model.kinematics import (
     VelocityKinematics,
 )
 from rnc_pin.model.reduction_kernel import ReductionKernel
-
-_Kinematics = TypeVar("_Kinematics", bound=PositionKinematics)
 
 
 class RecordEntry:
@@ -245,7 +242,7 @@ class CompiledArraysAtV:
         self.at_q, self._v, self._motion, self._t = at_q, np.ascontiguousarray(v), motion, t
         self._kernel, self._calls = at_q.kernel, at_q.kernel.calls
         if rates is not None:
-            self.rates = rates
+            self.rates, self.row_velocities, self.v1 = rates, rates["row_velocities"], rates["v1"]
 
     @cached_property
     def biases(self) -> Array:
@@ -291,9 +288,6 @@ class CompiledArraysAtV:
     @cached_property
     def row_velocities(self) -> Array:
         """Rates ``E v`` of the constraint rows and of the reducing outputs, (..., nv)."""
-        known: Array | None = vars(self).get("rates")
-        if known is not None:
-            return known["row_velocities"]
         velocities = np.empty(self._v.shape)
         self._calls.row_velocities(self.at_q.inverse, self._v, velocities)
         return velocities
@@ -301,9 +295,6 @@ class CompiledArraysAtV:
     @cached_property
     def v1(self) -> Array | None:
         """Rates of the vertical outputs ``J1 v``, (..., k); None if a row of J1 is undefined."""
-        known: Array | None = vars(self).get("rates")
-        if known is not None:
-            return known["v1"]
         rows = self.at_q.vertical
         if rows is None:
             return None

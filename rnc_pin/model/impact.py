@@ -17,7 +17,7 @@ from rnc_pin.model.input_validation import ArrayInput, is_number, numbers_of
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.reduction_data import best_entries
 from rnc_pin.model.rows import ConstraintKind, RowStack
-from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.model.state_evaluation import StateEvaluation, least_norm_forces
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
 
@@ -138,7 +138,8 @@ def _found(rows: RowStack, conserved: Array, state: StateEvaluation, after: Arra
         ConstraintError: the coefficients create energy.
     """
     M, before = np.asarray(state.M), state.v
-    impulses = _shared(state.all_rows, conserved, apply(M, after - before), rank)
+    impulses = np.zeros(rows.size)
+    impulses[~conserved] = least_norm_forces(state.all_rows[~conserved], apply(M, after - before), rank)
     reacting = zip(rows.names, impulses.tolist(), conserved.tolist(), strict=True)
     named = {name: impulse for name, impulse, is_conserved in reacting if not is_conserved}
     found = _read_only(before, after, named, *(float(0.5 * each @ M @ each) for each in (before, after)))
@@ -215,13 +216,3 @@ def _check_dependent(rows: RowStack, sizes: Array, rates: Array, wanted: Array) 
             f"restitution: row '{rows.names[row]}' has to move at {wanted[row]:.4g} after the impact, the rows that it "
             f"depends on require {rates[row]:.4g}: give dependent rows the same coefficient"
         )
-
-
-def _shared(matrix: Array, conserved: Array, momentum: Array, rank: int) -> Array:
-    """Impulses (k,) of least norm with ``matrix^T impulses = momentum``; zero for rows without reaction."""
-    impulses = np.zeros(len(matrix))
-    # Dependent rows share an impulse in many ways; the pseudoinverse has the least.
-    left, values, right = np.linalg.svd(matrix[~conserved].T, full_matrices=False)
-    counted = (np.arange(len(values)) < rank) & (values > 1e-10 * values.max(initial=0.0))
-    impulses[~conserved] = right[counted].T @ ((left[:, counted].T @ momentum) / values[counted])
-    return impulses

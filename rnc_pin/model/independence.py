@@ -269,21 +269,16 @@ def check_momenta(
     conserved, rounding = [block for block in blocks if block.conserved is not None], 1e-12  # of an entry of B
     kinematics, generator = Kinematics(robot), np.random.default_rng(0)
     for q in samples if conserved else ():
-        matrix = actuation.matrix(kinematics.position(q))
-        for block in conserved:
-            driven = np.abs(matrix[block.conserved]).max(axis=0) > rounding
-            if driven.any():
-                name = actuation.names[int(np.argmax(driven))]
-                raise ConstraintError(f"actuator '{name}' drives {block.names[0]}, which is declared as conserved")
-
-    for q in samples if conserved and forces else ():
         # At a random velocity, because a damper acts at no other.
         at = kinematics.position(q).with_velocity(generator.uniform(-1.0, 1.0, kinematics.nv))
-        for each in forces:
-            force = np.abs(each.force(at))
+        columns = zip(actuation.names, np.abs(actuation.matrix(at)).T, strict=True)
+        acting = [(f"actuator '{name}' drives", column, rounding) for name, column in columns]
+        passive = ((each.name, np.abs(each.force(at))) for each in forces)
+        acting += [(f"{name} acts on", force, _ACTS * max(1.0, float(force.max()))) for name, force in passive]
+        for what, force, limit in acting:
             for block in conserved:
-                if force[block.conserved].max() > _ACTS * max(1.0, float(force.max())):
-                    raise ConstraintError(f"{each.name} acts on {block.names[0]}, which is declared as conserved")
+                if force[block.conserved].max() > limit:
+                    raise ConstraintError(f"{what} {block.names[0]}, which is declared as conserved")
 
 
 def check_reactions(rows: RowStack, samples: np.ndarray, lengths: np.ndarray, couplings: Collection[str] = ()) -> None:

@@ -47,17 +47,14 @@ class ConfigurationValidator:
         q = np.array(q, float)  # by position: a keyword costs as much as the call
         if self._model.nq != self._nq:
             self._robot.check_unchanged()
-        if q.shape == self._shape:  # one state, on the hot path
-            if not isfinite(sum(q.tolist())):
-                check_finite("q", q)
-            if self._on_spheres and not pin.isNormalized(self._model, q, 1e-6):
-                raise _NOT_OF_UNIT_LENGTH
-            return q
-        if q.ndim == 0 or q.shape[-1] != self._nq:
+        one = q.shape == self._shape  # one state, on the hot path
+        if not one and (q.ndim == 0 or q.shape[-1] != self._nq):
             raise InputError(f"q has shape {q.shape}, expected (..., {self._nq})")
-        check_finite("q", q)
-        if self._on_spheres and not all(pin.isNormalized(self._model, q_i, 1e-6) for q_i in q.reshape(-1, self._nq)):
-            raise _NOT_OF_UNIT_LENGTH
+        if not (one and isfinite(sum(q.tolist()))):
+            check_finite("q", q)
+        states = (q,) if one else q.reshape(-1, self._nq)
+        if self._on_spheres and not all(pin.isNormalized(self._model, each, 1e-6) for each in states):
+            raise InputError("q holds a (cos, sin) pair or a quaternion that is not of unit length")
         return q
 
     def validate_one(self, q: ArrayInput, name: str = "q") -> np.ndarray:
@@ -73,9 +70,6 @@ class ConfigurationValidator:
         return found
 
 
-_NOT_OF_UNIT_LENGTH = InputError("q holds a (cos, sin) pair or a quaternion that is not of unit length")
-
-
 def vector(array: ArrayInput, size: int, name: str, entries: Sequence[str] = ()) -> np.ndarray:
     """Convert an input to a float array (..., size) of finite numbers; an error about its size names the entries.
 
@@ -87,14 +81,13 @@ def vector(array: ArrayInput, size: int, name: str, entries: Sequence[str] = ())
     """
     if type(array) is not np.ndarray or array.dtype is not _FLOAT:
         array = admit_numbers(array, name)
-    if array.shape == (size,):
-        if not isfinite(sum(array.tolist())):  # for few numbers this is faster than array functions
-            check_finite(name, array)
-        return array
-    if array.ndim == 0 or array.shape[-1] != size:
+    one = array.shape == (size,)
+    if not one and (array.ndim == 0 or array.shape[-1] != size):
         of = f" for {few(entries, 6)}" if entries else ""
         raise InputError(f"{name} has shape {array.shape}, expected (..., {size}){of}")
-    check_finite(name, array)
+    # For few numbers the sum is faster than array functions.
+    if not (one and isfinite(sum(array.tolist()))):
+        check_finite(name, array)
     return array
 
 

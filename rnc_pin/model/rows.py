@@ -373,6 +373,14 @@ class Place(NamedTuple):
         """
         return values if self.rows is None else values[..., self.rows, :]
 
+    def each(self, values: Sequence[_Value]) -> Sequence[_Value]:
+        """Values of the selected rows, from the names or flags (k,) of all rows of the block.
+
+        Args:
+            values: values of all rows.
+        """
+        return [values[row] for row in self.of(np.arange(len(values)))]
+
 
 class RowStack:
     """Vertical stack of selected rows of several blocks. Results have the leading axes of the states.
@@ -389,29 +397,30 @@ class RowStack:
     """
 
     def __init__(self, blocks: Sequence[Rows], kept: Sequence[int] | None = None) -> None:
-        places: list[Place] = []
-        start = first = 0
+        chosen, first = list[tuple[Rows, int, Selection | None]](), 0
         for block in blocks:
             size = len(block.names)
             # Indices count rows of all blocks: those of this block begin at its first row.
-            chosen = range(size) if kept is None else [row - first for row in kept if first <= row < first + size]
-            if len(chosen):
-                where = slice(start, start + len(chosen))
-                rows = None if len(chosen) == size else as_slice(np.array(chosen))
-                places.append(Place(block, where, rows))
-            start, first = start + len(chosen), first + size
-        self._take(places)
+            rows = range(size) if kept is None else [row - first for row in kept if first <= row < first + size]
+            if len(rows):
+                chosen.append((block, len(rows), None if len(rows) == size else as_slice(np.array(rows))))
+            first += size
+        self._take(chosen)
 
-    def _take(self, places: list[Place]) -> None:
-        self.places, self.size = places, places[-1].where.stop if places else 0
-        self.names = tuple(name for block, _, rows in self.places for name in _of(block.names, rows))
-        self.units = tuple(unit for block, _, rows in self.places for unit in _of(block.units, rows))
-        flags = ((block.holonomic or (False,) * len(block.names), rows) for block, _, rows in self.places)
-        self.holonomic = tuple(flag for each in flags for flag in _of(*each))
+    def _take(self, chosen: Iterable[tuple[Rows, int, Selection | None]]) -> None:
+        """Place blocks one below the other, with the number of their selected rows."""
+        self.places, self.size = list[Place](), 0
+        for block, size, rows in chosen:
+            self.places.append(Place(block, slice(self.size, self.size + size), rows))
+            self.size += size
+        self.names = tuple(name for place in self.places for name in place.each(place.block.names))
+        self.units = tuple(unit for place in self.places for unit in place.each(place.block.units))
+        flags = ((place, place.block.holonomic or (False,) * len(place.block.names)) for place in self.places)
+        self.holonomic = tuple(flag for place, of_block in flags for flag in place.each(of_block))
         self.affine = any(place.block.affine for place in self.places)
         self.rheonomic = any(place.block.rheonomic for place in self.places)
         self.turning = any(place.block.turning for place in self.places)
-        self._varying = [place for place in places if not isinstance(place.block, ConstantRows)]
+        self._varying = [place for place in self.places if not isinstance(place.block, ConstantRows)]
         self._constant: np.ndarray | None = None
         self._selected: dict[tuple[int, ...], RowStack] = {}
 
@@ -429,12 +438,8 @@ class RowStack:
     @classmethod
     def of(cls, places: Iterable[Place]) -> RowStack:
         """Stack of places of other stacks, one below the other."""
-        whole, moved, start = RowStack([]), list[Place](), 0
-        for block, where, rows in places:
-            end = start + where.stop - where.start
-            moved.append(Place(block, slice(start, end), rows))
-            start = end
-        whole._take(moved)
+        whole = RowStack([])
+        whole._take((block, where.stop - where.start, rows) for block, where, rows in places)
         return whole
 
     @classmethod
@@ -526,8 +531,10 @@ class RowStack:
 
     def conserved_rows(self) -> np.ndarray:
         """Mask (size,) of the rows that state a conserved momentum, which have no reaction force."""
-        flags = [block.conserved is not None for block, _, rows in self.places for _ in _of(block.names, rows)]
-        return np.array(flags, dtype=bool)
+        conserved = np.zeros(self.size, dtype=bool)
+        for block, where, _ in self.places:
+            conserved[where] = block.conserved is not None
+        return conserved
 
     def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
         """Points and unit vectors of the constraint forces, (..., size, 3) each; NaN for rows that act on no point.
@@ -599,10 +606,4 @@ def rheonomic_names(stack: RowStack) -> list[str]:
     Args:
         stack: the rows.
     """
-    return [name for place in stack.places if place.block.rheonomic for name in _of(place.block.names, place.rows)]
-
-
-def _of(values: tuple[_Value, ...], rows: Selection | None) -> tuple[_Value, ...]:
-    if rows is None:
-        return values
-    return values[rows] if isinstance(rows, slice) else tuple(values[row] for row in rows)
+    return [name for place in stack.places if place.block.rheonomic for name in place.each(place.block.names)]

@@ -528,10 +528,7 @@ class StateEvaluation(ConfigurationEvaluation):
         """
         acting = self.constraint_forces(T, external)
         # Rows that are dependent to rounding count as dependent here too: use at most m directions.
-        left, values, right = np.linalg.svd(self.all_rows.mT, full_matrices=False)
-        counted = (np.arange(values.shape[-1]) < self._data.m) & (values > 1e-10 * values[..., :1])
-        inverses = np.divide(1.0, values, out=np.zeros_like(values), where=counted)
-        return apply_transposed(right, inverses * apply_transposed(left, acting))
+        return least_norm_forces(self.all_rows, acting, self._data.m)
 
     # ------------------------------------------------------------------ energy, terms
 
@@ -549,6 +546,20 @@ class StateEvaluation(ConfigurationEvaluation):
     def terms(self) -> ReducedTerms:
         """All matrices of the reduced system."""
         return ReducedTerms(**{field.name: getattr(self, field.name) for field in fields(ReducedTerms)})
+
+
+def least_norm_forces(rows: Array, acting: Array, rank: int) -> Array:
+    """Forces of rows (..., k) of least norm with ``rows^T forces = acting``.
+
+    Args:
+        rows: rows (..., k, n), which may depend on each other.
+        acting: generalized forces (..., n).
+        rank: number of singular values that count, the largest first.
+    """
+    left, values, right = np.linalg.svd(rows.mT, full_matrices=False)
+    counted = (np.arange(values.shape[-1]) < rank) & (values > 1e-10 * values[..., :1])
+    inverses = np.divide(1.0, values, out=np.zeros_like(values), where=counted)
+    return apply_transposed(right, inverses * apply_transposed(left, acting))
 
 
 # ------------------------------------------------------------------ gradients along reducing outputs

@@ -64,7 +64,7 @@ def gradient(model: pin.Model, field: Field, q: np.ndarray, step: float = STEP) 
         q: configuration (nq,).
         step: distance between evaluations [rad or m].
     """
-    return np.stack([directional_derivative(model, field, q, x, step) for x in np.eye(model.nv)], axis=-1)
+    return _slopes(lambda by: field(pin.integrate(model, q, by)), model.nv, step)
 
 
 def gradient_with_error(model: pin.Model, field: Field, q: np.ndarray) -> tuple[np.ndarray, float]:
@@ -85,14 +85,16 @@ def vector_gradient_with_error(field: Field, x: np.ndarray) -> tuple[np.ndarray,
         field: function of one vector.
         x: the vector.
     """
+    return _with_error(lambda step: _slopes(lambda by: field(x + by), len(x), step))
 
-    def moved(unit: np.ndarray, by: float) -> np.ndarray:
-        return field(x + by * unit)
 
-    def at_step(step: float) -> np.ndarray:
-        return np.stack([central_difference(partial(moved, unit), step) for unit in np.eye(len(x))], axis=-1)
+def _slopes(field: Field, n: int, step: float) -> np.ndarray:
+    """Derivatives (..., n) of a function of displacements (n,), at zero."""
 
-    return _with_error(at_step)
+    def along(unit: np.ndarray) -> np.ndarray:
+        return central_difference(lambda s: field(s * unit), step)
+
+    return np.stack([along(unit) for unit in np.eye(n)], axis=-1)
 
 
 def _with_error(at_step: Callable[[float], np.ndarray]) -> tuple[np.ndarray, float]:
@@ -138,7 +140,7 @@ class UserFunction:
         return over_states(self, self.shape, *states)
 
 
-class DerivedRate:
+def derived_rate(robot: Robot, function: Callable[..., np.ndarray], label: str, timed: bool = False) -> Rate:
     """Rate of a user's function along v: ``rate(q, v)``, for a function without a rate of its own.
 
     Args:
@@ -150,20 +152,15 @@ class DerivedRate:
     Raises:
         ConstraintError: the function has no rate at random configurations, e.g. because it jumps.
     """
-
-    def __init__(self, robot: Robot, function: Callable[..., np.ndarray], label: str, timed: bool = False) -> None:
-        self._model, self._function = robot.model, function
-        for q, v, t in _random_states(robot, function, timed):
-            found, doubt = _difference(robot.model, function, q, v, t)
-            rough = 1e-3  # relative error estimate above which the function jumps, or has a kink
-            if doubt > rough * (1.0 + np.abs(found).max(initial=0.0)):
-                raise ConstraintError(
-                    f"{label} has no rate that differences can find: two step lengths differ by {doubt:.1e}; "
-                    "pass its rate as well"
-                )
-
-    def __call__(self, q: np.ndarray, v: np.ndarray, *t: float) -> np.ndarray:
-        return _flow(self._model, self._function, q, v, t, _STEPS[0])
+    for q, v, t in _random_states(robot, function, timed):
+        found, doubt = _difference(robot.model, function, q, v, t)
+        rough = 1e-3  # relative error estimate above which the function jumps, or has a kink
+        if doubt > rough * (1.0 + np.abs(found).max(initial=0.0)):
+            raise ConstraintError(
+                f"{label} has no rate that differences can find: two step lengths differ by {doubt:.1e}; "
+                "pass its rate as well"
+            )
+    return partial(_flow, robot.model, function, _STEPS[0])
 
 
 def check_rate(
@@ -237,14 +234,14 @@ def _difference(
         change = np.asarray(function(at, *t), dtype=float) - here
         return np.remainder(change + np.pi, 2 * np.pi) - np.pi if angular else change
 
-    found = [_flow(model, values, q, v, t, step) for step in _STEPS]
+    found = [_flow(model, values, step, q, v, *t) for step in _STEPS]
     doubts = [float(np.abs(found[0] - other).max(initial=0.0)) for other in found[1:]]
     # A longer step suffers from curvature, a shorter one from rounding: the pair that agrees better decides.
     return found[0] if doubts[0] <= doubts[1] else found[2], min(doubts)
 
 
 def _flow(
-    model: pin.Model, values: Callable[..., np.ndarray], q: np.ndarray, v: np.ndarray, t: tuple[float, ...], step: float
+    model: pin.Model, values: Callable[..., np.ndarray], step: float, q: np.ndarray, v: np.ndarray, *t: float
 ) -> np.ndarray:
     """Rate of values along v, and of time if they depend on it, by differences."""
     rate = directional_derivative(model, lambda at: values(at, *t), q, v, step)

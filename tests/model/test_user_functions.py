@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.model.user_functions import DerivedRate, check_rate
+from rnc_pin.model.user_functions import check_rate, derived_rate
 from simple_controllers import Inputs
 
 
@@ -17,7 +17,7 @@ def sleigh(q):
 
 
 def test_a_derived_rate_is_that_of_the_closed_form(generator, robot):
-    rate = DerivedRate(robot, sleigh, "rows(q)")
+    rate = derived_rate(robot, sleigh, "rows(q)")
     q, v = generator.uniform(-1, 1, 4), generator.normal(size=4)
     exact = [
         -3 * v[0] * np.cos(3 * q[0]) * np.exp(q[1]) - np.sin(3 * q[0]) * np.exp(q[1]) * v[1],
@@ -137,7 +137,7 @@ def test_the_rate_of_an_angle_is_checked_where_it_jumps_by_a_turn(robot):
 
 
 def test_a_rate_over_time_includes_its_flow(generator, robot):
-    rate = DerivedRate(robot, lambda q, t: np.array([np.sin(q[1] * t), q[0] * t**2]), "target(q, t)", timed=True)
+    rate = derived_rate(robot, lambda q, t: np.array([np.sin(q[1] * t), q[0] * t**2]), "target(q, t)", timed=True)
     (q, v), t = generator.normal(size=(2, 4)), 0.7
     exact = [np.cos(q[1] * t) * (v[1] * t + q[1]), v[0] * t**2 + 2 * q[0] * t]
     np.testing.assert_allclose(rate(q, v, t), exact, atol=1e-10)
