@@ -265,7 +265,7 @@ class InverseDynamicsQP(WholeBodyProgram):
             if chosen is not planned:
                 excess = np.where(exceeded > _BEYOND, exceeded, 0.0)
                 found = found._replace(T=chosen.T, v2=chosen.v2, excess=excess, shifts=None)
-        x1, x2 = self._desired.at(t)
+        x1, x2 = self._desired(t)
         # A verdict reads the last state alone, so it has the largest amounts.
         worst = np.maximum(state.worst_excess, found.excess)
         command = Command(T=found.T, v2_desired=found.v2, x1_desired=x1, x2_desired=x2)
@@ -324,17 +324,12 @@ class InverseDynamicsQP(WholeBodyProgram):
         found += unverified.findings(
             FindingKind.BRAKING, "verification", "no braking motion could be verified", samples
         )
-        gave_way = [
-            Finding(FindingKind.LIMIT_GAVE_WAY, name, amount, "", None, Severity.FAILS, message)
-            for name, amount in self.exceeded_limits(own).items()
-            if amount > SHORTFALL and (message := f"limit {name} of the program was exceeded by {amount:.3g}")
-        ]
-        return (*super().findings(own, samples), *found, *gave_way)
-
-    def exceeded_limits(self, state: InverseDynamicsState) -> dict[str, float]:
-        """Return the limits of motion that the run exceeds by the model since its start, with the largest amounts."""
-        worst = state.worst_exceeded[: len(self._limits.names)]
-        return {name: float(each) for name, each in zip(self._limits.names, worst, strict=True) if each > 0.0}
+        # Limits of motion that the run exceeds by the model since its start, with the largest amounts.
+        for name, amount in zip(self._limits.names, own.worst_exceeded.tolist(), strict=False):
+            if amount > SHORTFALL:
+                message = f"limit {name} of the program was exceeded by {amount:.3g}"
+                found += (Finding(FindingKind.LIMIT_GAVE_WAY, name, amount, "", None, Severity.FAILS, message),)
+        return *super().findings(own, samples), *found
 
     def _program(self, t: float, q: Array, v2: Array) -> _SampleProgram:
         """Limits of one sample and the effect of its inputs, for tasks and braking motions."""

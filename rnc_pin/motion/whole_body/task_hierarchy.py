@@ -211,14 +211,18 @@ class TaskLevels(NamedTuple):
 
 
 class CascadeSolution(NamedTuple):
-    """Solution of all levels."""
+    """Solution of all levels within limits, which may have given way."""
 
     unknowns: Float[Array, " n"]
     """Reduced velocities, or inputs and contact forces."""
     multipliers: Float[Array, "levels total"]
     """Multipliers of all limits at each level; zero at a level that touches no limit."""
+    excess: Float[Array, " total"]
+    """Amount by which each limit gave way; zero if it did not."""
     damping: tuple[float, ...] = ()
     """Damping lambda of each level within its limits."""
+    unsolved: str = ""
+    """Reason why the tasks are not solved: the unknowns only keep the limits, or come to rest."""
 
 
 class TaskStack:
@@ -291,18 +295,6 @@ class TaskStack:
         return J, rate
 
 
-class RelaxedSolution(NamedTuple):
-    """Solution of all levels within limits that may have given way."""
-
-    unknowns: Float[Array, " n"]
-    multipliers: Float[Array, "levels k"]
-    excess: Float[Array, " k"]
-    """Amount by which each limit gave way; zero if it did not."""
-    unsolved: str = ""
-    """Reason why the tasks are not solved: the unknowns only keep the limits, or come to rest."""
-    damping: tuple[float, ...] = ()
-
-
 def solve_within(
     levels: TaskLevels,
     bounds: ProgramBounds,
@@ -313,7 +305,7 @@ def solve_within(
     before: Sequence[Array] = (),
     sampled: SampledDamping | None = None,
     exclusive: bool = False,
-) -> RelaxedSolution:
+) -> CascadeSolution:
     """Solve the levels; limits that exclude each other give way.
 
     Args:
@@ -326,18 +318,19 @@ def solve_within(
     """
     found = None if exclusive else solve_cascade(levels, bounds, damping, multipliers, sampled)
     if found is not None:
-        return RelaxedSolution(found.unknowns, found.multipliers, np.zeros(bounds.total), damping=found.damping)
-    none, relaxed = np.zeros((len(levels.ends), bounds.total)), limits.relaxed(bounds, before)
+        return found
+    none = np.zeros((len(levels.ends), bounds.total)), np.zeros(bounds.total)
+    relaxed = limits.relaxed(bounds, before)
     if relaxed is None:
         reason = "the program of the least excess over limits is not solved"
-        return RelaxedSolution(otherwise(), none, np.zeros(bounds.total), reason)
-    found, reason = solve_cascade(levels, relaxed[0], damping, None, sampled), ""
+        return CascadeSolution(otherwise(), *none, unsolved=reason)
+    found = solve_cascade(levels, relaxed[0], damping, None, sampled)
     if found is None:
-        found, reason = CascadeSolution(relaxed[1], none), "tasks within limits that gave way are not solved"
+        found = CascadeSolution(relaxed[1], *none, unsolved="tasks within limits that gave way are not solved")
     excess = bounds.excess(found.unknowns)
     # Bounds that gave way were widened by the tolerance of the solver, which is no excess.
     excess[excess < _EXCEEDED] = 0.0
-    return RelaxedSolution(found.unknowns, found.multipliers, bounds.spread(excess), reason, found.damping)
+    return found._replace(excess=bounds.spread(excess))
 
 
 class _FreeDirections(NamedTuple):
@@ -509,10 +502,10 @@ def solve_cascade(
         sampled: damping of levels that do not attain their rates; by default none.
     """
     rows, r, count = bounds.rows, bounds.rows.shape[1], len(levels.ends)
-    found = np.zeros((count, bounds.total))
+    found, excess = np.zeros((count, bounds.total)), np.zeros(bounds.total)
     sampled = sampled or SampledDamping(0.0, np.zeros(count), np.zeros(len(levels.rate)))
     if not damping and (attained := _within_all_limits(levels, bounds, sampled)) is not None:
-        return CascadeSolution(attained, found, (0.0,) * count)
+        return CascadeSolution(attained, found, excess, (0.0,) * count)
     room = _TOUCHING * (1.0 + np.abs(rows).sum(axis=1))
     low, high = bounds.lower - room, bounds.upper + room
     near = list(sampled.near) or [0.0] * count
@@ -552,7 +545,7 @@ def solve_cascade(
     if slow is not None and unknowns is not None:  # both ends of the line keep the limits
         change = unknowns - slow[0]
         unknowns = slow[0] + min(1.0, slow[1] / max(_size(change), 1e-300)) * change
-    return None if unknowns is None else CascadeSolution(unknowns, found, tuple(near))
+    return None if unknowns is None else CascadeSolution(unknowns, found, excess, tuple(near))
 
 
 def _size(values: Array) -> float:

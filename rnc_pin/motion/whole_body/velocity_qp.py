@@ -131,7 +131,7 @@ class VelocityQP(WholeBodyProgram):
         # A late sample finds the velocity of the planned end, which the robot has held since.
         v2 = state.v2 + min(elapsed, state.interval) * state.v2_dot
         dt = self.dt or elapsed or state.interval
-        x1, x2 = self._desired.at(t)
+        x1, x2 = self._desired(t)
         if not dt:  # the first sample: no interval is known
             still = state._replace(time=t)
             return VelocityTarget(v2, np.zeros_like(v2), x1, x2), still

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from typing import NamedTuple, Protocol, runtime_checkable
 
@@ -19,7 +18,7 @@ from rnc_pin.motion.whole_body.limit_stack import LimitStack
 from rnc_pin.motion.whole_body.limits.control_limit import ControlLimit
 from rnc_pin.motion.whole_body.limits.joint_limits import AccelerationLimit
 from rnc_pin.motion.whole_body.task_hierarchy import MotionMetric, TaskStack
-from rnc_pin.motion.whole_body.tasks import BoundTask, ControlTask, DampingTask, PostureTask
+from rnc_pin.motion.whole_body.tasks import ControlTask, DampingTask, PostureTask
 from rnc_pin.printing import ReprMixin
 from rnc_pin.verdict import GOAL_TOLERANCE, MOSTLY, Finding, FindingKind, Severity
 
@@ -99,7 +98,12 @@ class WholeBodyProgram(ReprMixin):
         self._metric, self._limits = MotionMetric(reduced), LimitStack(self.limits, reduced)
         self._tasks = TaskStack(self.tasks, reduced, resting, self._metric)
         # The record of a run compares outputs with the goals of the tasks that have them.
-        self._desired = DesiredOutputs(self._tasks.bound, reduced)
+        self._followed = [
+            (place, [names.index(name) for name in own], [bound.followed.names.index(name) for name in own], bound)
+            for bound in self._tasks.bound
+            for place, names in enumerate((reduced.vertical.names, reduced.reducing.names))
+            if bound.followed is not None and (own := [name for name in bound.followed.names if name in names])
+        ]
         first = min((task.priority for task in tasks), default=0)
         alone = all(isinstance(task, PostureTask | DampingTask) for task in tasks)
         pairs = list(zip(tasks, self._tasks.bound, strict=True))
@@ -134,6 +138,16 @@ class WholeBodyProgram(ReprMixin):
             raise InputError(
                 f"a whole-body controller takes one state: v2 has shape {np.shape(v2)}, expected ({self._reduced.r},)"
             )
+
+    def _desired(self, t: float) -> tuple[Array | None, Array | None]:
+        """Goals of x1 and x2 at a time, NaN for outputs without a task; None if no task has an output."""
+        if not self._followed:
+            return None, None
+        # A zero would look like a goal in the record: outputs without a task have none.
+        found = np.full(self._reduced.vertical.size, np.nan), np.full(self._reduced.r, np.nan)
+        for place, where, own, bound in self._followed:
+            found[place][where] = bound.reference.at(t).position[own]
+        return found
 
     def findings(self, state: State, samples: int) -> tuple[Finding, ...]:
         """Return findings about the steps so far: programs that were not solved, limits that excluded each other.
@@ -189,49 +203,20 @@ def program_of(controller: object) -> WholeBodyProgram | None:
     return next((each for each in nested(controller) if isinstance(each, WholeBodyProgram)), None)
 
 
-def _describe_item(description: object) -> Json:
-    """Settings of a task or a limit for the record: numbers and text as they are, other objects by name."""
-    if not is_dataclass(description):
-        return type(description).__name__
-    found: dict[str, Json] = {"type": type(description).__name__}
-    for each in fields(description):
-        value = getattr(description, each.name)
-        # Parts of a setting, such as obstacles, are known to the reader by their names.
-        if isinstance(value, list | tuple) and any(is_dataclass(item) for item in value):
-            found[each.name] = [str(getattr(item, "name", repr(item))) for item in value]
-        elif is_dataclass(value):
-            found[each.name] = repr(value)
-        else:
-            found[each.name] = type(value).__name__
-            with suppress(InputError):  # numbers, text and mappings
-                found[each.name] = to_json(value, each.name)
-    return found
+def _describe_item(description: ControlTask | ControlLimit) -> Json:
+    """Settings of a task or a limit for the record."""
+    settings = {each.name: _setting(getattr(description, each.name)) for each in fields(description)}
+    return {"type": type(description).__name__, **settings}
 
 
-class DesiredOutputs:
-    """Desired values of a model's outputs, as far as tasks have them.
-
-    Args:
-        tasks: tasks of the model.
-        reduced: the model.
-    """
-
-    def __init__(self, tasks: Sequence[BoundTask], reduced: ReducedModel) -> None:
-        self._sizes = reduced.vertical.size, reduced.r
-        self._goals = []
-        for task in tasks:
-            for place, names in enumerate((reduced.vertical.names, reduced.reducing.names)):
-                given = () if task.followed is None else task.followed.names
-                own = [index for index, name in enumerate(given) if name in names]
-                if own:
-                    self._goals.append((task.reference, own, [names.index(given[index]) for index in own], place))
-
-    def at(self, t: float) -> tuple[Array | None, Array | None]:
-        """Return x1 and x2 at a time [s], NaN for outputs without a task; None if no task has an output."""
-        if not self._goals:
-            return None, None
-        # A zero would look like a goal in the record: outputs without a task have none.
-        found = np.full(self._sizes[0], np.nan), np.full(self._sizes[1], np.nan)
-        for reference, own, where, place in self._goals:
-            found[place][where] = reference.at(t).position[own]
-        return found
+def _setting(value: object) -> Json:
+    """Numbers, text and mappings as they are, other objects by name."""
+    # Parts of a setting, such as obstacles, are known to the reader by their names.
+    if isinstance(value, list | tuple) and any(is_dataclass(item) for item in value):
+        return [str(getattr(item, "name", repr(item))) for item in value]
+    if is_dataclass(value):
+        return repr(value)
+    try:
+        return to_json(value, "setting")
+    except InputError:
+        return type(value).__name__
