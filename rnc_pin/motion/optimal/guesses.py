@@ -18,7 +18,7 @@ from rnc_pin.motion.optimal.bounds import DistanceRows, Goal
 from rnc_pin.motion.optimal.motion_plan import MotionPlan
 from rnc_pin.motion.optimal.transcription import Iterate, Transcription
 from rnc_pin.motion.planning import IkSearch, Reference, Way, find_steering, solve_ik
-from rnc_pin.motion.planning.action_models import ActionModel, KinematicModel, Nodes
+from rnc_pin.motion.planning.action_models import ActionModel, Nodes
 from rnc_pin.motion.planning.exact_steering import CarSteering
 from rnc_pin.motion.planning.way import Limits, motion_along
 from rnc_pin.printing import counted
@@ -254,7 +254,7 @@ def _circular(circles: Array, turns: Array, steps: int, duration: float) -> Arra
 
 def _driven(model: ActionModel, q0: Array, v2: Array, duration: float) -> Array:
     """Configurations (n, steps + 1, nq) of n motions with velocities (n, steps, r), each for an equal time."""
-    kinematic = model if isinstance(model, KinematicModel) else KinematicModel(model.reduced)
+    kinematic = model if model.form == "kinematic" else ActionModel(model.reduced, "kinematic")
     count, steps, _ = v2.shape
     now = Nodes(np.repeat(q0[None], count, axis=0), np.empty((count, 0)))
     found = [now.q]
@@ -316,7 +316,7 @@ def driven_configurations(
         raise InputError(f"duration: expected a positive number, found {total:g}")
     h = total / (count - 1)
     v2 = np.array([reference.at((k + 0.5) * h).velocity for k in range(count - 1)])
-    return _driven(KinematicModel(reduced), np.array(reduced.at(q0).q), v2[None], total)[0]
+    return _driven(ActionModel(reduced, "kinematic"), np.array(reduced.at(q0).q), v2[None], total)[0]
 
 
 def inputs_for(model: ActionModel, at: Nodes, rates: Array) -> Array:

@@ -13,7 +13,7 @@ from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.io.json import atomic_file
 from rnc_pin.io.safe_npz import ArchiveError, read_npz
-from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin, described, items, printed
+from rnc_pin.printing import Line, ObjectSummary, SummaryMixin, described, items, printed, record_summary
 from rnc_pin.references.kinds import PiecewisePolynomial
 from rnc_pin.verdict import Finding, Verdict
 
@@ -177,24 +177,11 @@ class MotionPlan(SummaryMixin):
             getattr(self, name).setflags(write=False)
 
     def _summary(self) -> ObjectSummary:
-        i = self.info
-        title = (
-            f"MotionPlan: {self.verdict.headline}, {i.outcome}, {i.form}, {self.duration:.4g} s in {len(self.u)} "
-            f"intervals, cost {i.cost:.6g}"
-        )
-        found = i.verification.decisive
-        checked = f"violation {found.violation:.2g}"
-        checked += f" of {found.name} at t = {found.at:.3g} s" if found.name else ""
-        end = [f"{value:.4g}" for value in self.position[-1, 1]]
-        lines: list[Line] = [
-            ("inputs", items(i.input_names)),
-            ("outputs at the end [m or rad]", items(i.output_names, end)),
-            ("configuration at the end [rad or m]", described(self.q[-1])),
-            ("after verification", [Item(checked, f"accepted to {i.accuracy:.2g}")]),
-            ("iterations", [Item(str(i.iterations), f"{i.solutions} of {i.guesses} guesses led to a motion")]),
-            ("findings", items([each.message for each in i.findings])),
-        ]
-        return ObjectSummary(title, [line for line in lines if line[1]])
+        checked = f"violation {self.info.verification.violation:.2g} after verification"
+        title = f"MotionPlan: {self.verdict.headline}, {checked}, {self.duration:.4g} s in {len(self.u)} intervals"
+        end = items(self.info.output_names, [f"{value:.4g}" for value in self.position[-1, 1]])
+        lines: list[Line] = [("outputs at the end [m or rad]", end), ("q at the end [rad or m]", described(self.q[-1]))]
+        return ObjectSummary(title, [*lines, *record_summary(self.info, {}).lines])
 
     @property
     def duration(self) -> float:

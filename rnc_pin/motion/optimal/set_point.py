@@ -49,7 +49,7 @@ from rnc_pin.motion.optimal.motion_plan import MotionPlan
 from rnc_pin.motion.optimal.planner import check_distances, plan_motion
 from rnc_pin.motion.optimal.sequential_quadratic import SolverSettings
 from rnc_pin.motion.optimal.transcription import Iterate
-from rnc_pin.motion.planning.action_models import ActionModel, KinematicModel, Nodes
+from rnc_pin.motion.planning.action_models import ActionModel, Nodes
 from rnc_pin.motion.planning.inverse_kinematics import solve_ik
 from rnc_pin.references.reference import Reference
 
@@ -98,7 +98,7 @@ class SetPoint:
         else:
             self.q, self.ignored = ConfigurationValidator(reduced.robot).validate_one(goal, "goal"), ()
         self.q.setflags(write=False)
-        self._model = KinematicModel(reduced)
+        self._model = ActionModel(reduced, "kinematic")
         self._rows = GoalRows(self._model, goal, at_rest=False)
         self.coordinates = self._coordinates()
         self._check_leaf()

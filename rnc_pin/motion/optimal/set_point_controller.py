@@ -25,7 +25,7 @@ from rnc_pin.motion.optimal.plan_search import limits_of
 from rnc_pin.motion.optimal.planner import build_problem, initial_node, plan_motion
 from rnc_pin.motion.optimal.sequential_quadratic import SolverSettings
 from rnc_pin.motion.optimal.set_point import AT_REST, SetPoint, nearer_plan
-from rnc_pin.motion.planning.action_models import Form, KinematicModel, Nodes, action_model
+from rnc_pin.motion.planning.action_models import ActionModel, Form, Nodes, action_model
 
 _OF_FILE = FileLimits()
 _NEAR = 20.0  # times the tolerance: an error at which the feedback at rest moves the directions of weight one
@@ -165,7 +165,7 @@ class SetPointController(DescribedMixin):
         given = self.duration, self.costs, self.bounds, self.nodes, self.limits
         problem = build_problem(model, initial_node(model, self.set_point.q), goal, *given)  # refuses wrong ones now
         self.set_point.check_distances(problem.bounds, self.tolerance)
-        self._moved = KinematicModel(self.reduced)
+        self._moved = ActionModel(self.reduced, "kinematic")
         self._driven = self._moved if self.velocities else self._model
         """Model of the robot under the commands."""
         self.weights = self.set_point.coordinates.weights

@@ -15,7 +15,7 @@ from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.input_validation import Positive, check_positive_settings
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.motion.optimal.plan_feedback import regulator_gains
-from rnc_pin.motion.planning.action_models import KinematicModel, Nodes
+from rnc_pin.motion.planning.action_models import ActionModel, Nodes
 from rnc_pin.motion.planning.exact_steering import AimedSteering, CarSteering
 from rnc_pin.motion.planning.way import Way
 
@@ -96,7 +96,7 @@ class WayFollower(DescribedMixin):
                 "way: a follower stops between motions by exact steering, and this way has propagated motions; "
                 "follow a plan along it: rnc.optimal.plan(..., guess=way)"
             )
-        self._model = KinematicModel(self.reduced)
+        self._model = ActionModel(self.reduced, "kinematic")
         self._v = np.where(self.way.planned, self.way.v, 0.0)
         driving, steered = self._v[:, :3].any(axis=1), self.way.info.steering in (AimedSteering.kind, CarSteering.kind)
         steers = steered & driving.any() & ~self._v[driving].any(axis=0)  # joints that move while the base stands

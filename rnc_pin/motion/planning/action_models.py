@@ -16,7 +16,6 @@ are evaluated in one block.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Literal, NamedTuple, get_args
@@ -99,39 +98,35 @@ class StepDerivatives(NamedTuple):
     """Flow at the start of the steps."""
 
 
-class ActionModel(ABC):
-    """Family of the action models of a reduced system.
+class ActionModel:
+    """Action model of a reduced system.
 
     Args:
         reduced: the model.
+        form: "kinematic", "acceleration" or "dynamic".
 
     Attributes:
-        form: name of the form.
         nv, nw, nx, nu: sizes of the tangent of q, of the velocity part of the state, of the whole state, and of the
             input.
         input_names: names of the inputs.
         parts: equal parts of a step, each by the midpoint rule.
     """
 
-    form: Form
-    parts = 1
-
-    def __init__(self, reduced: ReducedModel) -> None:
-        self.reduced = reduced
+    def __init__(self, reduced: ReducedModel, form: Form) -> None:
+        self.reduced, self.form = reduced, form
         self.manifold = StateManifold(reduced.robot.model)
         self.nv, self.r = reduced.n, reduced.r
-        self.nw = 0 if self.form == "kinematic" else reduced.r
+        self.nw = 0 if form == "kinematic" else reduced.r
         self.nx = self.nv + self.nw
-        self.input_names: tuple[str, ...] = self._input_names()
+        names = reduced.actuation.names if form == "dynamic" else reduced.reducing.names
+        self.input_names = tuple(f"{name}_dot" if form == "acceleration" else name for name in names)
         self.nu = len(self.input_names)
+        self.parts = 8 if form == "dynamic" else 1  # light links turn far while efforts are constant
 
-    @abstractmethod
-    def _input_names(self) -> tuple[str, ...]:
-        """Names of the inputs."""
-
-    @abstractmethod
     def flow(self, at: Nodes, u: Array) -> tuple[Array, Array]:
         """Velocity (n, nv) and acceleration (n, nw) at nodes."""
+        v = self.reduced.at(at.q, self.velocity(at, u)).v
+        return v, self.reduced.forward_dynamics(at.q, at.w, u) if self.form == "dynamic" else u[:, : self.nw]
 
     def flow_derivatives(self, at: Nodes, u: Array) -> StateDerivatives:
         """The same with derivatives; accelerations of the kinematic form mean nothing."""
@@ -141,11 +136,19 @@ class ActionModel(ABC):
 
     def _flow(self, found: StateDerivatives, u: Array) -> StateDerivatives:
         """Derivatives of the flow from those of the system."""
-        return found
+        if self.form != "acceleration":
+            return found
+        n, r, nv = found.v2_dot_q.shape
+        by_u = np.broadcast_to(np.eye(r), (n, r, r))
+        return replace(found, v2_dot=u, v2_dot_q=np.zeros((n, r, nv)), v2_dot_v2=np.zeros((n, r, r)), v2_dot_T=by_u)
 
     def velocity(self, at: Nodes, u: Array | None) -> Float[Array, "n r"]:
         """Reduced velocities at nodes."""
-        return at.w
+        if self.form != "kinematic":
+            return at.w
+        if u is None:
+            raise ConfigurationError("form 'kinematic': the velocity is an input, so the last state has none")
+        return u
 
     def step(self, at: Nodes, u: Array, h: Array) -> Nodes:
         """Next states of nodes after steps h (n,) [s]."""
@@ -254,68 +257,17 @@ class ActionModel(ABC):
         return Nodes(self.manifold.integrate(at.q, by[:, : self.nv]), at.w + by[:, self.nv :])
 
 
-class KinematicModel(ActionModel):
-    """State q, input v2: ``q_dot = R(q) v2``."""
-
-    form: Form = "kinematic"
-
-    def _input_names(self) -> tuple[str, ...]:
-        return tuple(self.reduced.reducing.names)
-
-    def velocity(self, at: Nodes, u: Array | None) -> Float[Array, "n r"]:
-        if u is None:
-            raise ConfigurationError("form 'kinematic': the velocity is an input, so the last state has none")
-        return u
-
-    def flow(self, at: Nodes, u: Array) -> tuple[Array, Array]:
-        return self.reduced.at(at.q, u).v, np.empty((len(at.q), 0))
-
-
-class AccelerationModel(ActionModel):
-    """State (q, v2), input v2_dot."""
-
-    form: Form = "acceleration"
-
-    def _input_names(self) -> tuple[str, ...]:
-        return tuple(f"{name}_dot" for name in self.reduced.reducing.names)
-
-    def flow(self, at: Nodes, u: Array) -> tuple[Array, Array]:
-        return self.reduced.at(at.q, at.w).v, u
-
-    def _flow(self, found: StateDerivatives, u: Array) -> StateDerivatives:
-        n, r, nv = found.v2_dot_q.shape
-        by_u = np.broadcast_to(np.eye(r), (n, r, r))
-        return replace(found, v2_dot=u, v2_dot_q=np.zeros((n, r, nv)), v2_dot_v2=np.zeros((n, r, r)), v2_dot_T=by_u)
-
-
-class DynamicModel(ActionModel):
-    """State (q, v2), input T."""
-
-    form: Form = "dynamic"
-    parts = 8  # light links turn far while efforts are constant
-
-    def _input_names(self) -> tuple[str, ...]:
-        return tuple(self.reduced.actuation.names)
-
-    def flow(self, at: Nodes, u: Array) -> tuple[Array, Array]:
-        state = self.reduced.at(at.q, at.w)
-        return state.v, self.reduced.forward_dynamics(at.q, at.w, u)
-
-
-_FORMS: dict[str, type[ActionModel]] = {each.form: each for each in (KinematicModel, AccelerationModel, DynamicModel)}
-
-
 def action_model(reduced: ReducedModel, form: str) -> ActionModel:
     """Return the action model of a form.
 
     Raises:
         ConfigurationError: unknown form, or the dynamic form of a system without actuators.
     """
-    if form not in _FORMS:
-        raise ConfigurationError(f"form '{form}': expected one of {', '.join(_FORMS)}{nearest(str(form), _FORMS)}")
+    if form not in FORMS:
+        raise ConfigurationError(f"form '{form}': expected one of {', '.join(FORMS)}{nearest(str(form), FORMS)}")
     if form == "dynamic" and not reduced.p:
         raise ConfigurationError("form 'dynamic': the system has no actuators; use 'acceleration' or 'kinematic'")
-    return _FORMS[form](reduced)
+    return ActionModel(reduced, FORMS[FORMS.index(form)])
 
 
 # ------------------------------------------------------------------ motions of the kinematic form
@@ -344,7 +296,7 @@ class KinematicFlow:
     """
 
     def __init__(self, reduced: ReducedModel, planned: Bool[Array, " nv"] | None = None) -> None:
-        self.reduced, self._model, self._planned = reduced, KinematicModel(reduced), planned
+        self.reduced, self._model, self._planned = reduced, ActionModel(reduced, "kinematic"), planned
         self.manifold = self._model.manifold
 
     def step(self, q: Float[Array, "n nq"], u: Float[Array, "n k"]) -> Float[Array, "n nq"]:

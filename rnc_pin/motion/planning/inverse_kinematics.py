@@ -19,7 +19,7 @@ from rnc_pin.model.input_validation import ConfigurationValidator, check_setting
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import OutputTarget, OutputTargets
-from rnc_pin.printing import Line, ObjectSummary, SummaryMixin, counted, items
+from rnc_pin.printing import printed
 from rnc_pin.robots.joint_values import NO_LIMIT
 
 _CLOSED = 1e-9  # largest residual of holonomic rows of a solution [m or rad]
@@ -30,8 +30,9 @@ _EXTRA = 1e-3  # distance beyond the clearance that the search keeps [m]
 _TURN, _AWAY = np.pi, 1.0  # spread of random starts without limits [rad, m]
 
 
-@dataclass(frozen=True, repr=False)
-class IkResult(SummaryMixin):
+@printed(residuals="rad or m", collisions="m", holonomic_residual="rad or m")
+@dataclass(frozen=True)
+class IkResult:
     """Solution of inverse kinematics, or the best configuration that was found. Printed, it tells what is missing.
 
     Attributes:
@@ -65,23 +66,6 @@ class IkResult(SummaryMixin):
     ignored_rows: tuple[str, ...]
     starts: int
     steps: int
-
-    def _summary(self) -> ObjectSummary:
-        reached = "configuration that reaches all targets" if self.converged else "no solution found, the nearest"
-        title = f"{reached}, after {counted(self.starts, 'start')} and {counted(self.steps, 'step')}"
-        missed = [f"{error:.2g}" for error in self.residuals.values()]
-        apart = [f"{distance:.3g} m" for distance in self.collisions.values()]
-        lines: list[Line] = [
-            ("q [rad or m]", items([f"{number:.4g}" for number in self.q])),
-            ("error of targets", items(list(self.residuals), missed)),
-            ("not reached", items(list(self.unreachable))),
-            ("at a limit", items(self.active_limits)),
-            ("nearer than the clearance", items(list(self.collisions), apart)),
-            ("rows of velocities, not considered", items(self.ignored_rows)),
-        ]
-        if self.holonomic_residual > _CLOSED:
-            lines.append(("residual of holonomic rows", items([f"{self.holonomic_residual:.2g}"])))
-        return ObjectSummary(title, [line for line in lines if line[1]])
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from rnc_pin.motion.planning.action_models import KinematicFlow
 from rnc_pin.motion.planning.exact_steering import ExactMotion, base_axes
 from rnc_pin.motion.planning.way_checking import NarrowPlace, WayChecker
 from rnc_pin.motion.planning.way_search import drive_times, speed_limits
-from rnc_pin.printing import Line, ObjectSummary, SummaryMixin, counted, items
+from rnc_pin.printing import printed
 
 _SAME = 1e-9  # change of the direction of planned velocities that is none
 
@@ -24,7 +24,8 @@ Limits = tuple[Float[Array, " r"], Float[Array, " r"]]
 """Largest reduced velocities and accelerations; infinite without a limit."""
 
 
-@dataclass(frozen=True, repr=False)
+@printed(seconds="s")
+@dataclass(frozen=True)
 class WayInfo:
     """Record of the search for a way.
 
@@ -41,8 +42,9 @@ class WayInfo:
     goals: int
 
 
-@dataclass(frozen=True, repr=False)
-class Way(SummaryMixin):
+@printed(v="rad/s or m/s", length="m")
+@dataclass(frozen=True)
+class Way:
     """Collision-free motion along which the constraint rows hold.
 
     Between nodes the planned joints move at constant rates by exact steering. Of propagated motions, the reduced
@@ -63,7 +65,7 @@ class Way(SummaryMixin):
         geodesic: True if joints move at constant rates between nodes.
     """
 
-    reduced: ReducedModel
+    reduced: ReducedModel = field(repr=False)
     time: Float[Array, " n"]
     q: Float[Array, "n nq"]
     v: Float[Array, "k nv"]
@@ -118,20 +120,6 @@ class Way(SummaryMixin):
     def _before(self, t: ArrayLike) -> Int[Array, "*k"]:
         """Nodes before times."""
         return np.clip(np.searchsorted(self.time, t, "right") - 1, 0, len(self.v) - 1)
-
-    def _summary(self) -> ObjectSummary:
-        lines: list[Line] = [
-            ("length of the path of the base", items([f"{self.length:.3g} m"])),
-            ("duration", items([f"{self.duration:.3g} s"])),
-            ("nodes", items([f"{len(self.q)}"])),
-            ("residual of constraint rows", items([f"{self.residual:.1g}"])),
-        ]
-        if self.narrowest is not None:
-            place = self.narrowest
-            lines.append(("narrowest place", items([f"{place.distance:.3g} m at {place.time:.3g} s, {place.pair}"])))
-        found = f"found in {self.info.seconds:.2g} s, {counted(self.info.edges, 'motion')} checked"
-        how = "motions" if self.info.steering == "propagated" else "steering"
-        return ObjectSummary(f"Way by {self.info.steering} {how}", [*lines, ("search", items([found]))])
 
 
 def way_along(
