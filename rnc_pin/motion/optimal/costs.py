@@ -194,10 +194,7 @@ class NodeOutputs(SelectedOutputs):
         Raises:
             InputError: the wrong number of values, or one that is not finite.
         """
-        try:
-            array = np.atleast_1d(np.array(value, dtype=float))
-        except (TypeError, ValueError):
-            raise InputError(f"{what}: expected {self.size} numbers, found {value!r}") from None
+        array = np.atleast_1d(numbers_or_nan(value))
         if array.shape != (self.size,) or not np.isfinite(array).all():
             raise InputError(f"{what}: expected {self.size} finite numbers ({', '.join(self.names)}), found {value!r}")
         return array

@@ -304,15 +304,14 @@ class InteriorPointSolver:
                 if iteration > 1 and mu <= useful:  # rounding ends the iterations early
                     return point, costate, iteration
                 raise
-            now = _residuals(p, point, weight)
             mu = _complementarity(p, point, weight) / (2 * count)
             # Mehrotra: the step to complementarity zero tells how far one comes, and so how much centring is needed.
-            step, _ = _newton(p, point, now, factors, W, 0.0, None)
-            ahead = _moved(point, step, _length(now, point, step))
+            step, _ = _newton(p, point, weight, factors, W, 0.0, None)
+            ahead = _moved(point, step, _length(point, step, weight))
             mu_ahead = _complementarity(p, ahead, weight) / (2 * count)
             sigma = min(1.0, max(mu_ahead, 0.0) / max(mu, 1e-300)) ** 3
-            step, costate = _newton(p, point, now, factors, W, sigma * mu, step)
-            length = min(1.0, _BOUNDARY * _length(now, point, step, 1.0 / _BOUNDARY))
+            step, costate = _newton(p, point, weight, factors, W, sigma * mu, step)
+            length = min(1.0, _BOUNDARY * _length(point, step, weight, 1.0 / _BOUNDARY))
             point, rest = _moved(point, step, length), rest * (1.0 - length)
             # Residuals of linear rows fall by the part of each step that is left; nothing else has to be measured. A
             # short last step would leave the costate far from the point.
@@ -413,52 +412,32 @@ def _factors(p: _Scaled, at: _Point, weight: float) -> tuple[RiccatiFactors, Arr
     return RiccatiFactors(p.AB, p.H + added[:-1], p.H_end + added[-1, :nx, :nx]), W
 
 
-class _Residuals(NamedTuple):
-    """Parts of the Newton equations that predictor and corrector share."""
-
-    other: Array
-    """Multipliers of the elastic slacks."""
-    primal: Array
-    g: Array
-    g_end: Array
-    gap: Array
-
-
-def _residuals(p: _Scaled, at: _Point, weight: float) -> _Residuals:
-    nx, z = p.AB.shape[1], at.z
-    return _Residuals(
-        other=weight - at.y,
-        primal=np.einsum("nkz,nz->nk", p.G, z) + at.s - at.e - p.limit,
-        g=np.einsum("nij,nj->ni", p.H, z[:-1]) + p.g,
-        g_end=p.H_end @ z[-1, :nx] + p.g_end,
-        gap=p.gap + np.einsum("nij,nj->ni", p.AB, z[:-1]) - z[1:, :nx],
-    )
-
-
 def _newton(
-    p: _Scaled, at: _Point, now: _Residuals, factors: RiccatiFactors, W: Array, mu: float, predictor: _Point | None
+    p: _Scaled, at: _Point, weight: float, factors: RiccatiFactors, W: Array, mu: float, predictor: _Point | None
 ) -> tuple[_Point, Array]:
     """Newton step to complementarity mu, and the costate after it; the predictor gives terms of second order."""
-    nx = p.AB.shape[1]
-    first, second = mu - at.s * at.y, mu - at.e * now.other
+    nx, z, other = p.AB.shape[1], at.z, weight - at.y  # the last: multipliers of the elastic slacks
+    primal = np.einsum("nkz,nz->nk", p.G, z) + at.s - at.e - p.limit
+    gap = p.gap + np.einsum("nij,nj->ni", p.AB, z[:-1]) - z[1:, :nx]
+    first, second = mu - at.s * at.y, mu - at.e * other
     if predictor is not None:
         first, second = first - predictor.s * predictor.y, second + predictor.e * predictor.y
-    t = now.primal + first / at.y - second / now.other
+    t = primal + first / at.y - second / other
     force = p.active * (at.y + W * t)
-    g = now.g + np.einsum("nkz,nk->nz", p.G[:-1], force[:-1])
-    g_end = now.g_end + p.G[-1, :, :nx].T @ force[-1]
-    dz, dx, costate = factors.solve(g[:, :, None], g_end[:, None], now.gap[:, :, None])
+    g = np.einsum("nij,nj->ni", p.H, z[:-1]) + p.g + np.einsum("nkz,nk->nz", p.G[:-1], force[:-1])
+    g_end = p.H_end @ z[-1, :nx] + p.g_end + p.G[-1, :, :nx].T @ force[-1]
+    dz, dx, costate = factors.solve(g[:, :, None], g_end[:, None], gap[:, :, None])
     step = np.zeros_like(at.z)
     step[:-1], step[-1, :nx] = dz[:, :, 0], dx[:, 0]
     dy = W * (np.einsum("nkz,nz->nk", p.G, step) + t)
     ds = p.active * (first - at.s * dy) / at.y
-    de = p.active * (second + at.e * dy) / now.other
+    de = p.active * (second + at.e * dy) / other
     return _Point(step, ds, de, dy), costate[:, :, 0]
 
 
-def _length(now: _Residuals, at: _Point, step: _Point, most: float = 1.0) -> float:
+def _length(at: _Point, step: _Point, weight: float, most: float = 1.0) -> float:
     """Longest part of a step, up to a part, that keeps slacks and multipliers positive."""
-    pairs = ((at.s, step.s), (at.e, step.e), (at.y, step.y), (now.other, -step.y))
+    pairs = ((at.s, step.s), (at.e, step.e), (at.y, step.y), (weight - at.y, -step.y))
     fastest = max(float((change / value).min(initial=0.0)) * -1.0 for value, change in pairs)
     return 1.0 / fastest if fastest > 1.0 / most else most
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
-from typing import TypeGuard
 
 import numpy as np
 
@@ -16,11 +15,12 @@ from rnc_pin.model.coordinates import Coordinates, rotation_vector_rates
 from rnc_pin.motion.optimal.bounds import DISTANCE
 from rnc_pin.motion.optimal.guesses import GIVEN, resampled
 from rnc_pin.motion.optimal.motion_plan import Integration, MotionPlan, PlanInfo, PlanVerification
-from rnc_pin.motion.optimal.sequential_quadratic import LimitSolver, Solution, SolverSettings, solutions_from
+from rnc_pin.motion.optimal.sequential_quadratic import LimitSolver, SequentialQuadratic, Solution, SolverSettings
 from rnc_pin.motion.optimal.transcription import Iterate, Transcription
 from rnc_pin.motion.optimal.verification import Excess, RunLoop, excess_text, plan_findings, verify_inputs, verify_loop
 from rnc_pin.motion.planning.action_models import ActionModel, Nodes
 
+_RELAXED = ("straight line", "loop", "random")  # guesses that do not tell on which side of obstacles they pass
 _SAME = 0.1  # of the accuracy, but not less than the tolerance: two solutions whose states differ by less are the same
 
 
@@ -157,17 +157,14 @@ class PlanSearch:
             InfeasibleError: there is none.
         """
         self._given = first[1] if first[0] == GIVEN else None
-        found = solutions_from(self._narrow, self._settings, chain([first], further))
+        found = self._from_guesses(chain([first], further))
         pool, needed = list[Solution](), solutions
         while True:
             while self._solved < needed and not (pool and self._tried >= enough):
-                candidate = next(found, None)
-                if candidate is None:
+                more = next(found, None)
+                if more is None:
                     break
-                if self._is_solution(candidate):
-                    pool.append(candidate)
-                else:
-                    pool += self._unimproved()
+                pool += more
             if not pool:
                 raise self._refusal()
             # Of solutions that cost the same, the first is taken: rounding does not decide.
@@ -211,17 +208,30 @@ class PlanSearch:
         largest = max(float(np.abs(apart).max()), abs(one.duration - other.duration))
         return largest < max(_SAME * self._settings.accuracy, self._settings.tolerance)
 
-    def _is_solution(self, candidate: Solution | RncError) -> TypeGuard[Solution]:
-        """True if a guess led to a motion within tolerance; others are counted, and kept for the refusal."""
-        self._tried += 1
-        if isinstance(candidate, RncError):
-            self._error = candidate
-            return False
-        if candidate.outcome == "infeasible":
-            self._failed.append(candidate)
-            return False
-        self._solved += 1
-        return True
+    def _from_guesses(self, starts: Iterable[tuple[str, Iterate]]) -> Iterator[list[Solution]]:
+        """Solution of each guess, from this guess alone; where there is none, the given guess itself, or nothing."""
+        problem, settings = self._narrow, self._settings
+        free = [bound for bound in problem.bounds if bound.quantity != DISTANCE]
+        kept = [bound for bound in free if not bound.of_file]
+        # Motions without the bounds of distances lead past obstacles. Their iterations cost a small part of those with
+        # distances, and they are a good start for them.
+        apart = SequentialQuadratic(problem.changed(bounds=kept), settings) if len(free) < len(problem.bounds) else None
+        solver = LimitSolver(problem, settings)
+        for name, start in starts:
+            self._tried += 1
+            try:
+                start = apart.solve(start).iterate if apart is not None and name.startswith(_RELAXED) else start
+                found = replace(solver.solve(start), guess=name)
+            except RncError as error:
+                self._error = error
+                yield self._unimproved()
+                continue
+            if found.outcome == "infeasible":
+                self._failed.append(found)
+                yield self._unimproved()
+            else:
+                self._solved += 1
+                yield [found]
 
     def _refined(self, solution: Solution) -> _Made:
         """Plan of a solution, improved until its verification confirms it.

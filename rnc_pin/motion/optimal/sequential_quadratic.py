@@ -9,8 +9,7 @@ lacks.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
@@ -250,11 +249,6 @@ def _merit_of_subproblem(
     return cost + weight * float((beyond[shift:, : sizes.shape[1]] / sizes).sum())
 
 
-# ------------------------------------------------------------------ solutions from guesses
-
-_RELAXED = ("straight line", "loop", "random")  # guesses that do not tell on which side of obstacles they pass
-
-
 class LimitSolver:
     """Solver that adds the limits of the robot's file only if a solution without them exceeds one.
 
@@ -282,28 +276,3 @@ class LimitSolver:
         within = self._whole.solve(found.iterate)
         within.iterations += found.iterations
         return within
-
-
-def solutions_from(
-    problem: Transcription, settings: SolverSettings, starts: Iterable[tuple[str, Iterate]]
-) -> Iterator[Solution | RncError]:
-    """Solutions from guesses, each from its guess alone, or the errors that end their iterations.
-
-    Args:
-        problem: the problem.
-        settings: settings of the solver.
-        starts: named guesses.
-    """
-    free = [bound for bound in problem.bounds if bound.quantity != DISTANCE]
-    kept = [bound for bound in free if not bound.of_file]
-    # Motions without the bounds of distances lead past obstacles. Their iterations cost a small part of those with
-    # distances, and they are a good start for them.
-    relaxed = SequentialQuadratic(problem.changed(bounds=kept), settings) if len(free) < len(problem.bounds) else None
-    solver = LimitSolver(problem, settings)
-    for name, start in starts:
-        try:
-            if relaxed is not None and name.startswith(_RELAXED):
-                start = relaxed.solve(start).iterate
-            yield replace(solver.solve(start), guess=name)
-        except RncError as error:
-            yield error

@@ -241,14 +241,12 @@ class _Problem:
 
     def with_fewest_turns(self, q: np.ndarray, q0: np.ndarray) -> np.ndarray:
         """Return the same configuration without full turns from q0, as far as limits and targets do not need them."""
-        bounds, turned = self.bounds, q.copy()
-        limits = {int(k): (low, high) for k, low, high in zip(bounds.q_index, bounds.lower, bounds.upper, strict=True)}
+        turned, (low, high) = q.copy(), self.bounds.room(q)
         for joint in list(self._reduced.robot.model.joints)[1:]:
             if joint.nq == 1 and joint.shortname().startswith("JointModelR"):
                 k = joint.idx_q
-                nearest = q[k] - 2 * np.pi * np.round((q[k] - q0[k]) / (2 * np.pi))
-                low, high = limits.get(k, (-np.inf, np.inf))
-                turned[k] = nearest if low <= nearest <= high else q[k]
+                turns = -2 * np.pi * np.round((q[k] - q0[k]) / (2 * np.pi))
+                turned[k] += turns if low[joint.idx_v] <= turns <= high[joint.idx_v] else 0.0
         # A target may ask for the turns, such as a position of a joint beyond half a turn.
         before, after = (self.evaluate(each) for each in (q, turned))
         worse = np.abs(after.e).sum() > np.abs(before.e).sum() + _ROUNDING
@@ -296,13 +294,9 @@ class _Problem:
 
     def _active_limits(self, q: np.ndarray) -> tuple[str, ...]:
         bounds, names = self.bounds, self._reduced.robot.velocity_names
-        found = []
-        for iq, iv, low, high in zip(bounds.q_index, bounds.v_index, bounds.lower, bounds.upper, strict=True):
-            if q[iq] <= low + _LIMIT:
-                found.append(f"{names[iv]} (lower)")
-            elif q[iq] >= high - _LIMIT:
-                found.append(f"{names[iv]} (upper)")
-        return tuple(found)
+        here = q[bounds.q_index]
+        ends = np.select([here <= bounds.lower + _LIMIT, here >= bounds.upper - _LIMIT], ["lower", "upper"], "")
+        return tuple(f"{names[k]} ({end})" for k, end in zip(bounds.v_index, ends, strict=True) if end)
 
 
 # ---------------------------------------------------------------------- descent within bounds

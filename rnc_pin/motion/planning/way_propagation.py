@@ -42,23 +42,14 @@ class _Tree:
     """
 
     def __init__(self, roots: Float[Array, "n nq"]) -> None:
-        self.size = len(roots)
-        self._q, self.away = np.array(roots), np.zeros(self.size)
-        self._parents, self._edges = [-1] * self.size, [(np.empty((0, 0)), np.empty((0, 0)))] * self.size
-
-    @property
-    def q(self) -> Float[Array, "n nq"]:
-        return self._q[: self.size]
+        self.q, self.away = np.array(roots), np.zeros(len(roots))
+        self._parents, self._edges = [-1] * len(roots), [(np.empty((0, 0)), np.empty((0, 0)))] * len(roots)
 
     def add(self, motion: Float[Array, "k nq"], parent: int, inputs: Array) -> None:
         """Add the end of a motion; ``inputs`` (2, r) lead to its middle and from there to its end."""
-        if self.size == len(self._q):
-            self._q = np.concatenate([self._q, np.empty_like(self._q)])
-            self.away = np.concatenate([self.away, np.zeros_like(self.away)])
-        self._q[self.size] = motion[-1]
+        self.q, self.away = np.concatenate([self.q, motion[-1:]]), np.append(self.away, 0.0)
         self._parents.append(parent)
         self._edges.append((motion[[len(motion) // 2, -1]], inputs))
-        self.size += 1
 
     def path(self, node: int) -> tuple[int, Float[Array, "n nq"], list[Array]]:
         """Root of a node, and the configurations and inputs that lead from it to the node."""
@@ -68,7 +59,7 @@ class _Tree:
             q.append(places)
             inputs.append(moved)
             node = self._parents[node]
-        return node, np.concatenate([self._q[node : node + 1], *q[::-1]]), inputs[::-1]
+        return node, np.concatenate([self.q[node : node + 1], *q[::-1]]), inputs[::-1]
 
 
 class PropagatedSearch:
@@ -132,7 +123,7 @@ class PropagatedSearch:
         while not self._budget.is_over:
             tree, other = trees[grown], trees[1 - grown]
             # Towards the other tree for the rest: both have to meet.
-            target = other.q[generator.integers(other.size)]
+            target = other.q[generator.integers(len(other.q))]
             random = 0.6  # share of targets that are random; others are places of the other tree
             if generator.random() < random:
                 target = pin.randomConfiguration(self._flow.reduced.robot.model, *self._box)
@@ -142,7 +133,8 @@ class PropagatedSearch:
                 if not grown:
                     self._note(tree.q[-1])
                 if apart[meeting] < _NEAR:
-                    places = (meeting, tree.size - 1) if grown else (tree.size - 1, meeting)
+                    new = len(tree.q) - 1
+                    places = (meeting, new) if grown else (new, meeting)
                     found = self._joined(trees, places)
                     if found is not None:
                         return found
@@ -168,7 +160,7 @@ class PropagatedSearch:
     def _extended(self, tree: _Tree, target: Array, generator: np.random.Generator) -> bool:
         """True if a tree has a new node, nearer to a target."""
         # Nodes that have been tried count as farther, or a node at a wall would be tried for ever.
-        parent = int(np.argmin(self._distances(tree.q, target) + tree.away[: tree.size]))
+        parent = int(np.argmin(self._distances(tree.q, target) + tree.away))
         inputs = self._drawn(tree.q[parent], generator)
         q = [np.repeat(tree.q[parent][None], len(inputs), axis=0)]
         for k in range(inputs.shape[1]):
