@@ -111,11 +111,8 @@ def _words(problem: Transcription, line: Array, duration: float) -> Iterator[tup
         if kind in seen:
             continue
         seen.add(kind)
-        ends = np.concatenate([[0.0], np.cumsum(np.linalg.norm(motion.steps, axis=1))])
-        places = np.linspace(0.0, ends[-1], problem.K + 1)
-        before = np.clip(np.searchsorted(ends, places, "right") - 1, 0, len(motion.steps) - 1)
-        parts = (places - ends[before]) / np.diff(ends)[before]
-        path = model.manifold.integrate(motion.q[before], parts[:, None] * motion.steps[before])
+        sizes = np.linalg.norm(motion.steps, axis=1)
+        path = motion.at(model.manifold, sizes, np.linspace(0.0, sizes.sum(), problem.K + 1))
         name = f"{'forwards' if kind[0] else 'backwards'}, {counted(kind[1], 'reversal')}"
         yield name, along(model, path, duration)
 

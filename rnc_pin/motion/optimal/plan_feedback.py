@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike
 
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.controller import Command, Description, listed
@@ -339,7 +338,10 @@ class PlanFeedback(ReprMixin):
     ) -> None:
         self.plan, self.bandwidth, self.joint_damping = plan, bandwidth, joint_damping
         self._reduced, self._model = reduced, fitting_model(reduced, plan)
-        self.K = gains_for(plan, plan.K if K is None else K)
+        self.K = np.array(plan.K if K is None else K, dtype=float)
+        if self.K.shape != plan.K.shape or not np.isfinite(self.K).all():
+            text = f"gains of shape {self.K.shape}, expected finite numbers {plan.K.shape}"
+            raise ConfigurationError(f"feedback: {text}")
         self._after = PlanEnd(self._model, plan)
         names = (*reduced.reducing.names, *reduced.vertical.names)
         self._outputs = plan.reference() if plan.info.output_names == names else None
@@ -452,14 +454,6 @@ def tvlqr(
     at, numbers = Nodes(plan.q[:-1], plan.w[:-1]), _numbers(plan, weights)
     K = regulator_gains(model, at, plan.u, np.diff(plan.time), numbers)
     return PlanFeedback(reduced, plan, K, weights=weights, joint_damping=joint_damping)
-
-
-def gains_for(plan: MotionPlan, K: ArrayLike) -> Float[Array, "K nu nx"]:
-    """Return gains for a plan; raise ``ConfigurationError`` if they do not fit."""
-    found = np.array(K, dtype=float)
-    if found.shape != plan.K.shape or not np.isfinite(found).all():
-        raise ConfigurationError(f"feedback: gains of shape {found.shape}, expected finite numbers {plan.K.shape}")
-    return found
 
 
 def _numbers(plan: MotionPlan, weights: RegulatorWeights) -> _Numbers:

@@ -19,7 +19,7 @@ from rnc_pin.errors import ConfigurationError, InfeasibleError
 from rnc_pin.model.coordinates import wrapped
 from rnc_pin.model.input_validation import Positive
 from rnc_pin.motion.planning.steering_detection import SteeringGeometry
-from rnc_pin.references.kinds import MinimumJerk, ViaPoints
+from rnc_pin.references.kinds import ViaPoints
 from rnc_pin.references.reference import InTurn, Reference
 
 _STEEPEST = np.deg2rad(75.0)
@@ -84,15 +84,14 @@ class Leg:
             Times (N,) from zero, poses (N, 3), signed speeds (N,) and steering angles (N,).
         """
         times = np.linspace(0.0, duration, samples)
-        along = MinimumJerk([0.0], [1.0], duration)
-        points = [along.at(t) for t in times]
-        s = np.array([point.position[0] for point in points])
-        s_dot = np.array([point.velocity[0] for point in points])
+        # A minimum-jerk motion from 0 to 1 is the first of the shapes.
+        s, s_dot = _SHAPES[0](times / duration), _SLOPES[0](times / duration) / duration
         dx, factors = self._coefficients()
         # Flatness: heading and curvature of the quintic y(x), whose axes are those of the chart.
-        y = sum(a * shape(s) for a, shape in zip(factors, _VALUES, strict=True))
-        slope = sum(a * shape(s) for a, shape in zip(factors, _SLOPES, strict=True)) / dx
-        bend = sum(a * shape(s) for a, shape in zip(factors, _BENDS, strict=True)) / dx**2
+        y, slope, bend = (
+            factors @ [shape(s) for shape in shapes] / dx**order
+            for order, shapes in enumerate((_VALUES, _SLOPES, _BENDS))
+        )
         c, n = np.cos(self.chart), np.sin(self.chart)
         x = dx * s
         # Keep the start heading as given, not modulo a full turn.

@@ -96,6 +96,13 @@ class ExactMotion(NamedTuple):
     steps: Float[Array, "k nv"]
     geodesic: bool = True
 
+    def at(self, manifold: ConfigurationManifold, sizes: Array, places: Array) -> Float[Array, "n nq"]:
+        """Configurations at places (n,) on the displacements, which have sizes (k,)."""
+        ends = np.cumsum(sizes)
+        k = np.minimum(np.searchsorted(ends, places), len(sizes) - 1)
+        parts = 1.0 - (ends[k] - places) / sizes[k]
+        return manifold.integrate(self.q[k], parts[:, None] * self.steps[k])
+
 
 class Steering(ABC):
     """Family of exact motions between two configurations.

@@ -108,12 +108,9 @@ class WayChecker:
         if not motion.steps.any():
             return motion.q[:1]
         lengths = np.abs(motion.steps).max(axis=1)
-        ends = np.cumsum(lengths)
         spacing = 0.1  # [m or rad] between the samples that are looked at before the bounds
-        wanted = _HALVED[: int(np.clip(ends[-1] / spacing, 2, len(_HALVED)))] * ends[-1]
-        before = np.minimum(np.searchsorted(ends, wanted), len(lengths) - 1)
-        parts = 1.0 - (ends[before] - wanted) / lengths[before]
-        return self.manifold.integrate(motion.q[before], parts[:, None] * motion.steps[before])
+        count = int(np.clip(lengths.sum() / spacing, 2, len(_HALVED)))
+        return motion.at(self.manifold, lengths, _HALVED[:count] * lengths.sum())
 
     def narrowest(self, time: Float[Array, " n"], q: Float[Array, "n nq"], within: float) -> NarrowPlace | None:
         """Narrowest place beside obstacles along a motion; None if no obstacle is nearer than ``within`` [m]."""
