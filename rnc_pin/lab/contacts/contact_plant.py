@@ -10,9 +10,9 @@ import numpy as np
 import scipy
 
 from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, SimulationError
-from rnc_pin.lab.contacts.friction_impulses import NO_SET, contact_impact, subsets
+from rnc_pin.lab.contacts import contact_impulses
+from rnc_pin.lab.contacts.contact_impulses import UnilateralContact
 from rnc_pin.lab.contacts.sliding_plant import SlidingPlant, SlidingStep
-from rnc_pin.lab.contacts.unilateral_contact import ContactRows, UnilateralContact, bound_contacts, radius_of_gyration
 from rnc_pin.math.linear_algebra import nonnegative, null_space
 from rnc_pin.model.input_validation import numbers_of, own_vector
 from rnc_pin.model.integrators import DEFAULT_TOLERANCE
@@ -77,7 +77,7 @@ class ContactPlant:
         substeps: int | None = None,
         tolerance: float = DEFAULT_TOLERANCE,
     ) -> None:
-        self._system, self._contacts = system, bound_contacts(system, contacts)
+        self._system, self._contacts = system, contact_impulses.bound_contacts(system, contacts)
         self.tolerance = tolerance
         self._plant_of = partial(  # a lambda could not be pickled
             ReducedPlant,
@@ -91,7 +91,7 @@ class ContactPlant:
         """Plant with each set of closed contacts, made at its first use."""
         # Made at once: errors of the system itself come before errors of contacts.
         self._flight = self._plant_with(NONE)
-        self._rows = ContactRows(self._contacts, DryFriction(self._flight.reduced, joint_friction))
+        self._rows = contact_impulses.ContactRows(self._contacts, DryFriction(self._flight.reduced, joint_friction))
         self._sliding: SlidingPlant | None = None
         if any(each.has_limit for each in self._contacts):
             _check_at_rest(self._flight.reduced)
@@ -183,7 +183,7 @@ class ContactPlant:
         self._time, self._past_work, self.contact_events = 0.0, 0.0, ()
         self._closed, self._plant = NONE, self._flight
         self._flight.reset(numbers_of(q, "q"), numbers_of(v, "v"))
-        self._size = radius_of_gyration(self.reduced.robot.model, self.read()[0])
+        self._size = contact_impulses.radius_of_gyration(self.reduced.robot.model, self.read()[0])
         if self._sliding is not None:
             self._sliding.restart(self._size)
         inside = 2e-4  # depth over the radius of gyration that the digits of an initial configuration explain
@@ -283,7 +283,7 @@ class ContactPlant:
         assert isinstance(self._plant, ReducedPlant)
         q, v = self._plant.read()
         # The largest first: fewer contacts are a solution only where more are none.
-        for closed in subsets(candidates):
+        for closed in contact_impulses.subsets(candidates):
             plant = self._plant
             if closed != self._closed:
                 plant = self._plant_with(closed)
@@ -292,7 +292,7 @@ class ContactPlant:
                 self._past_work += self._plant.work if plant is not self._plant else 0.0
                 self._closed, self._plant = closed, plant
                 return
-        raise SimulationError(f"contacts {self._names(touching)} at t = {self._time:.4f} s: {NO_SET}")
+        raise SimulationError(f"contacts {self._names(touching)} at t = {self._time:.4f} s: {contact_impulses.NO_SET}")
 
     def _start(self, plant: ReducedPlant | SlidingPlant, q: np.ndarray, v: np.ndarray) -> None:
         """Start another plant at a state, under the present inputs."""
@@ -328,7 +328,7 @@ class ContactPlant:
         layout = self._rows.layout(touching, joints=False)
         rows, ground = self._rows.at(state, layout)
         try:
-            impulses, after = contact_impact(state, layout, rows, ground)
+            impulses, after = contact_impulses.contact_impact(state, layout, rows, ground)
         except SimulationError as error:
             raise error.within(f"impact of {self._names(touching)} at t = {self._time:.4f} s") from None
         # M belongs to the robot without contacts: the energy before and after the impact.

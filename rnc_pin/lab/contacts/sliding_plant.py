@@ -9,8 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import DivergenceError
-from rnc_pin.lab.contacts.friction_impulses import FrictionImpulses, responses
-from rnc_pin.lab.contacts.unilateral_contact import BoundContact, ContactRows, RowLayout
+from rnc_pin.lab.contacts.contact_impulses import BoundContact, ContactRows, FrictionImpulses, RowLayout, responses
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.plant import IntegrationErrors, PlantReport, Substeps
 from rnc_pin.plants.reduced_plant import ReducedPlant

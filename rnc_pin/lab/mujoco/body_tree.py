@@ -1,17 +1,25 @@
-"""Bodies, joints and equality constraints of a loaded robot as a MuJoCo specification."""
+"""Bodies, joints and equality constraints of a loaded robot as a MuJoCo specification, and the coordinates of both.
+
+Pinocchio has quaternions (x, y, z, w), (cos, sin) for continuous joints, and velocities of planar and free joints in
+the body frame. MuJoCo has (w, x, y, z), a plain angle, and the linear velocity of a free joint in the world frame.
+Generalized forces transform by the transpose of the velocity map, since power is the same in both.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
+import scipy
 
 from rnc_pin.errors import ConfigurationError, missing_extra
-from rnc_pin.lab.mujoco import joint_coordinates
 from rnc_pin.lab.mujoco.contact_bodies import Root
+from rnc_pin.model.coordinates import heading_of
 from rnc_pin.model.rows import FrameAnchor, JointCoupler, Rows
 from rnc_pin.robots.robot import Robot
 
@@ -22,6 +30,266 @@ except ImportError:
 
 
 _PLACEHOLDER_MASS = 1e-12  # placeholder mass and inertia for the compiler; ``finish`` writes the robot's
+
+
+# ---------------------------------------------------------------------- coordinates
+
+
+@dataclass(frozen=True)
+class JointCoordinates:
+    """Place of one joint in the vectors of Pinocchio and of MuJoCo, where its velocities are equal.
+
+    Attributes:
+        name: joint name.
+        q, v: first indices in Pinocchio's vectors.
+        nv: degrees of freedom in Pinocchio.
+        qpos, dof: first indices in MuJoCo's vectors.
+    """
+
+    name: str
+    q: int
+    v: int
+    nv: int
+    qpos: int
+    dof: int
+
+
+@dataclass(frozen=True)
+class EqualCoordinates(JointCoordinates):
+    """Joint with equal numbers in both: hinges, slides, stacks of them, and quaternions of ball joints."""
+
+    order: tuple[int, ...]
+    """Entry in q of each entry in MuJoCo's positions."""
+
+
+class ContinuousHinge(JointCoordinates):
+    """Continuous hinge: (cos, sin) in Pinocchio, an unwrapped angle in MuJoCo."""
+
+
+@dataclass(frozen=True)
+class BaseCoordinates(JointCoordinates, ABC):
+    """Conversion of a planar or free base, whose velocities differ: MuJoCo has ``velocity_map(qpos) @ v``."""
+
+    def write(self, q: np.ndarray, v: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> None:
+        """Write a Pinocchio state to MuJoCo's.
+
+        Args:
+            q: configuration (nq,).
+            v: velocity (nv,).
+            qpos, qvel: vectors of MuJoCo, which receive the base.
+        """
+        self.write_pose(q[self.q :], qpos[self.qpos :])
+        J = self.velocity_map(qpos[self.qpos :])
+        qvel[self.dof : self.dof + len(J)] = J @ v[self.v : self.v + self.nv]
+
+    def read(self, qpos: np.ndarray, qvel: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
+        """Write a MuJoCo state to Pinocchio's.
+
+        Args:
+            qpos, qvel: vectors of MuJoCo.
+            q: configuration (nq,), which receives the base.
+            v: velocity (nv,), which receives the base.
+        """
+        self.read_pose(qpos[self.qpos :], q[self.q :])
+        J = self.velocity_map(qpos[self.qpos :])  # its columns are orthonormal
+        v[self.v : self.v + self.nv] = qvel[self.dof : self.dof + len(J)] @ J
+
+    def add_force(self, qpos: np.ndarray, force: np.ndarray, applied: np.ndarray) -> None:
+        """Add a generalized force of Pinocchio (nv,) to the applied force of MuJoCo.
+
+        Args:
+            qpos: positions of MuJoCo.
+            force: generalized force (nv,).
+            applied: applied force of MuJoCo, which receives it.
+        """
+        J = self.velocity_map(qpos[self.qpos :])
+        applied[self.dof : self.dof + len(J)] += J @ force[self.v : self.v + self.nv]
+
+    @abstractmethod
+    def write_pose(self, q: np.ndarray, qpos: np.ndarray) -> None:
+        """Write the pose of Pinocchio to MuJoCo's; both begin with the base.
+
+        Args:
+            q: configuration.
+            qpos: positions of MuJoCo, which receive it.
+        """
+
+    @abstractmethod
+    def read_pose(self, qpos: np.ndarray, q: np.ndarray) -> None:
+        """Write the pose of MuJoCo to Pinocchio's; both begin with the base.
+
+        Args:
+            qpos: positions of MuJoCo.
+            q: configuration, which receives it.
+        """
+
+    @abstractmethod
+    def velocity_map(self, qpos: np.ndarray) -> np.ndarray:
+        """Velocities of MuJoCo from those of Pinocchio, (k, nv).
+
+        Args:
+            qpos: positions of MuJoCo that begin with the base.
+        """
+
+
+@dataclass(frozen=True)
+class PlanarBase(BaseCoordinates):
+    """Planar base: two slides and a hinge in MuJoCo; ``lifted`` adds a vertical slide before the hinge."""
+
+    lifted: bool = False
+
+    def write_pose(self, q: np.ndarray, qpos: np.ndarray) -> None:
+        qpos[:2], qpos[2 + self.lifted] = q[:2], np.arctan2(q[3], q[2])
+
+    def read_pose(self, qpos: np.ndarray, q: np.ndarray) -> None:
+        angle = qpos[2 + self.lifted]
+        q[:4] = *qpos[:2], np.cos(angle), np.sin(angle)
+
+    def velocity_map(self, qpos: np.ndarray) -> np.ndarray:
+        found = np.zeros((3 + self.lifted, 3))
+        found[:2, :2], found[-1, 2] = pin.utils.rotate("z", qpos[2 + self.lifted])[:2, :2], 1.0
+        return found
+
+
+@dataclass(frozen=True)
+class FreeBase(BaseCoordinates):
+    """Free base. ``placement`` is the joint placement in the world."""
+
+    placement: pin.SE3
+
+    def write_pose(self, q: np.ndarray, qpos: np.ndarray) -> None:
+        _write_pose(self.placement * pin.XYZQUATToSE3(q[:7]), qpos)
+
+    def read_pose(self, qpos: np.ndarray, q: np.ndarray) -> None:
+        q[:7] = pin.SE3ToXYZQUAT(self.placement.actInv(_pose(qpos)))
+
+    def velocity_map(self, qpos: np.ndarray) -> np.ndarray:
+        return scipy.linalg.block_diag(_pose(qpos).rotation, np.eye(3))
+
+
+@dataclass(frozen=True)
+class FreePlanarBase(BaseCoordinates):
+    """Planar base that has six degrees of freedom in MuJoCo; only x, y and heading are read.
+
+    Writing a planar state keeps height, roll and pitch.
+    """
+
+    placement: pin.SE3
+
+    def write_pose(self, q: np.ndarray, qpos: np.ndarray) -> None:
+        now = self.placement.actInv(_pose(qpos))
+        # About the vertical only: the body keeps the lean that its load gives it.
+        turned = pin.utils.rotate("z", np.arctan2(q[3], q[2]) - heading_of(now.rotation)) @ now.rotation
+        _write_pose(self.placement * pin.SE3(turned, np.array([*q[:2], now.translation[2]])), qpos)
+
+    def read_pose(self, qpos: np.ndarray, q: np.ndarray) -> None:
+        pose = self.placement.actInv(_pose(qpos))
+        heading = heading_of(pose.rotation)
+        q[:4] = *pose.translation[:2], np.cos(heading), np.sin(heading)
+
+    def read(self, qpos: np.ndarray, qvel: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
+        super().read(qpos, qvel, q, v)
+        rotation = self.placement.actInv(_pose(qpos[self.qpos :])).rotation
+        forward = rotation[:, 0]
+        rate = np.cross(rotation @ qvel[self.dof + 3 : self.dof + 6], forward)
+        # The heading is the direction of the body's x axis along the ground, also of a body that leans.
+        v[self.v + 2] = (forward[0] * rate[1] - forward[1] * rate[0]) / (forward[0] ** 2 + forward[1] ** 2)
+
+    def velocity_map(self, qpos: np.ndarray) -> np.ndarray:
+        rotation, placed = _pose(qpos).rotation, self.placement.rotation
+        heading = heading_of(placed.T @ rotation)
+        # MuJoCo has the linear velocity in the world, and turns of free bodies in their own axes.
+        along, up = placed @ pin.utils.rotate("z", heading)[:, :2], rotation.T @ placed[:, 2:]
+        return scipy.linalg.block_diag(along, up)
+
+
+class RobotCoordinates:
+    """Conversion of all joints of a robot.
+
+    Args:
+        joints: conversion of each joint.
+        nq, nv: sizes of Pinocchio's vectors.
+    """
+
+    def __init__(self, joints: Sequence[JointCoordinates], nq: int, nv: int) -> None:
+        self._nq, self._nv = nq, nv
+        self._bases = [joint for joint in joints if isinstance(joint, BaseCoordinates)]
+        equal = [joint for joint in joints if isinstance(joint, EqualCoordinates)]
+        turning = [joint for joint in joints if isinstance(joint, ContinuousHinge)]
+        # In one call for all joints but bases: they are read and written at each step.
+        self._v, self._dof = _paired((each.v + k, each.dof + k) for each in [*equal, *turning] for k in range(each.nv))
+        self._q, self._qpos = _paired((each.q + i, each.qpos + k) for each in equal for k, i in enumerate(each.order))
+        self._cosine, self._angle = _paired((each.q, each.qpos) for each in turning)
+
+    def write(self, q: np.ndarray, v: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> None:
+        """Write a Pinocchio state to MuJoCo's vectors.
+
+        Args:
+            q: configuration (nq,).
+            v: velocity (nv,).
+            qpos, qvel: vectors of MuJoCo, which receive the state.
+        """
+        qpos[self._qpos], qvel[self._dof] = q[self._q], v[self._v]
+        qpos[self._angle] = np.arctan2(q[self._cosine + 1], q[self._cosine])
+        for base in self._bases:
+            base.write(q, v, qpos, qvel)
+
+    def read(self, qpos: np.ndarray, qvel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return MuJoCo's state as q (nq,) and v (nv,) of Pinocchio.
+
+        Args:
+            qpos, qvel: vectors of MuJoCo.
+        """
+        q, v = np.zeros(self._nq), np.zeros(self._nv)
+        q[self._q], v[self._v] = qpos[self._qpos], qvel[self._dof]
+        q[self._cosine], q[self._cosine + 1] = np.cos(qpos[self._angle]), np.sin(qpos[self._angle])
+        for base in self._bases:
+            base.read(qpos, qvel, q, v)
+        return q, v
+
+    def add_force(self, qpos: np.ndarray, force: np.ndarray, applied: np.ndarray) -> None:
+        """Add a generalized force (nv,) to the applied force of MuJoCo.
+
+        Args:
+            qpos: positions of MuJoCo.
+            force: generalized force (nv,).
+            applied: applied force of MuJoCo, which receives it.
+        """
+        applied[self._dof] += force[self._v]
+        for joint in self._bases:
+            # Most forces act on joints: a base is asked for its rotation only where one acts on it.
+            if force[joint.v : joint.v + joint.nv].any():
+                joint.add_force(qpos, force, applied)
+
+
+def _paired(pairs: Iterable[tuple[int, int]]) -> np.ndarray:
+    """Indices (2, k) of entries in the vectors of Pinocchio and of MuJoCo."""
+    return np.array([*pairs], dtype=int).reshape(-1, 2).T
+
+
+def scalar_first(quaternion: np.ndarray) -> np.ndarray:
+    """Convert a quaternion (x, y, z, w) of Pinocchio to (w, x, y, z) of MuJoCo.
+
+    Args:
+        quaternion: four numbers (4,).
+    """
+    return quaternion[[3, 0, 1, 2]]
+
+
+def _scalar_last(quaternion: np.ndarray) -> np.ndarray:
+    return quaternion[[1, 2, 3, 0]]
+
+
+def _pose(qpos: np.ndarray) -> pin.SE3:
+    return pin.XYZQUATToSE3(np.concatenate([qpos[:3], _scalar_last(qpos[3:7])]))
+
+
+def _write_pose(pose: pin.SE3, qpos: np.ndarray) -> None:
+    values = pin.SE3ToXYZQUAT(pose)
+    qpos[:3], qpos[3:7] = values[:3], scalar_first(values[3:])
+
+
+# ---------------------------------------------------------------------- bodies
 
 
 class _Single(NamedTuple):
@@ -49,7 +317,7 @@ class BodyTree:
     def __init__(self, spec: mujoco.MjSpec, robot: Robot, root: Root, joint_limits: bool) -> None:
         self.robot = robot
         self._limits = joint_limits
-        self._planned: list[tuple[str, Callable[[int, int], joint_coordinates.JointCoordinates]]] = []
+        self._planned: list[tuple[str, Callable[[int, int], JointCoordinates]]] = []
         """Name of the first MuJoCo joint of a joint, and its conversion as a function of the indices in MuJoCo."""
         # Angles are radians here, and degrees in MuJoCo's files.
         spec.compiler.degree = False
@@ -81,15 +349,15 @@ class BodyTree:
                 self._add_planar(body, index, root)
             elif kind == "JointModelFreeFlyer" and parent == 0:
                 body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_FREE)
-                self._plan(joint_coordinates.FreeBase, name, index, placement=placement)
+                self._plan(FreeBase, name, index, placement=placement)
             elif kind == "JointModelSpherical":
                 body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_BALL)
-                self._plan(joint_coordinates.EqualCoordinates, name, index, order=(3, 0, 1, 2))  # MuJoCo has w first
+                self._plan(EqualCoordinates, name, index, order=(3, 0, 1, 2))  # MuJoCo has w first
             elif kind in stacks:
                 moves, axes = stacks[kind]
                 for axis in axes:
                     _move(body, f"{name}/{axis}", moves == "slide", np.eye(3)["xyz".index(axis)])
-                self._plan(joint_coordinates.EqualCoordinates, f"{name}/{axes[0]}", index, order=(0, 1, 2))
+                self._plan(EqualCoordinates, f"{name}/{axes[0]}", index, order=(0, 1, 2))
             else:
                 raise ConfigurationError(
                     f"MuJoCo has no joint like '{name}' ({kind}): expected a hinge, slide, ball, planar or free base"
@@ -105,8 +373,8 @@ class BodyTree:
         added = _move(body, name, single.slides, single.axis)
         # Joints of a composite have places of their own in q: some have two entries.
         q, v = joint.extract().joints[number].idx_q if number else joint.idx_q, joint.idx_v + number
-        equal = partial(joint_coordinates.EqualCoordinates, order=(0,))
-        kind = joint_coordinates.ContinuousHinge if single.continuous else equal
+        equal = partial(EqualCoordinates, order=(0,))
+        kind = ContinuousHinge if single.continuous else equal
         self._planned.append((name, partial(kind, name, q, v, 1)))
         if self._limits and not single.continuous:
             model = self.robot.model
@@ -118,25 +386,21 @@ class BodyTree:
         name, placement = str(self.robot.model.names[index]), self.robot.model.jointPlacements[index]
         if root == "free":
             body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_FREE)
-            self._plan(joint_coordinates.FreePlanarBase, name, index, placement=placement)
+            self._plan(FreePlanarBase, name, index, placement=placement)
             return
         for axis in "xyz" if root == "level" else "xy":
             _move(body, f"{name}/{axis}", True, np.eye(3)["xyz".index(axis)])
         _move(body, f"{name}/yaw", False, np.eye(3)[2])
-        self._plan(joint_coordinates.PlanarBase, f"{name}/x", index, lifted=root == "level")
+        self._plan(PlanarBase, f"{name}/x", index, lifted=root == "level")
 
-    def _plan(
-        self, coordinates: Callable[..., joint_coordinates.JointCoordinates], first: str, index: int, **more: object
-    ) -> None:
+    def _plan(self, coordinates: Callable[..., JointCoordinates], first: str, index: int, **more: object) -> None:
         joint = self.robot.model.joints[index]
         name = str(self.robot.model.names[index])
         self._planned.append((first, partial(coordinates, name, joint.idx_q, joint.idx_v, joint.nv, **more)))
 
     # ------------------------------------------------------------------ once it is compiled
 
-    def finish(
-        self, model: mujoco.MjModel, data: mujoco.MjData, damping: bool
-    ) -> list[joint_coordinates.JointCoordinates]:
+    def finish(self, model: mujoco.MjModel, data: mujoco.MjData, damping: bool) -> list[JointCoordinates]:
         """Set what a specification lacks in a compiled model: inertias, rotor inertias, damping per axis.
 
         The compiler sees placeholders. It refuses bodies without mass, and moments that violate the triangle
@@ -160,7 +424,7 @@ class BodyTree:
         joints = [make(int(place.qposadr[0]), int(place.dofadr[0])) for place, make in places]
         for joint in joints:
             here, there = slice(joint.v, joint.v + joint.nv), slice(joint.dof, joint.dof + joint.nv)
-            if isinstance(joint, joint_coordinates.BaseCoordinates):
+            if isinstance(joint, BaseCoordinates):
                 if own.armature[here].any() or (damping and own.damping[here].any()):
                     raise ConfigurationError(
                         f"MuJoCo: base '{joint.name}' has rotor inertia or damping, which MuJoCo bases do not support"
@@ -214,7 +478,7 @@ def _move(body: mujoco.MjsBody, name: str, slides: bool, axis: np.ndarray) -> mu
 
 
 def _quaternion(rotation: np.ndarray) -> np.ndarray:
-    return joint_coordinates.scalar_first(pin.Quaternion(rotation).coeffs())
+    return scalar_first(pin.Quaternion(rotation).coeffs())
 
 
 # ---------------------------------------------------------------------- equality constraints

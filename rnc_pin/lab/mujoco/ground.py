@@ -14,9 +14,8 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.constraints import GroundPlane
-from rnc_pin.lab.mujoco.body_tree import BodyTree, mujoco
+from rnc_pin.lab.mujoco.body_tree import BodyTree, mujoco, scalar_first
 from rnc_pin.lab.mujoco.contact_bodies import ContactBody, MuJoCoSettings
-from rnc_pin.lab.mujoco.joint_coordinates import scalar_first
 
 _GROUND = "ground"
 _FRICTIONLESS = 1e-5  # smallest friction coefficient in MuJoCo

@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import DivergenceError
-from rnc_pin.lab.mujoco.body_tree import BodyTree, JointEquality, add_equalities, mujoco
+from rnc_pin.lab.mujoco.body_tree import BodyTree, JointEquality, RobotCoordinates, add_equalities, mujoco
 from rnc_pin.lab.mujoco.contact_bodies import (
     ContactBody,
     MuJoCoSettings,
@@ -27,7 +27,6 @@ from rnc_pin.lab.mujoco.contact_bodies import (
     on_one_plane,
 )
 from rnc_pin.lab.mujoco.ground import Ground, add_ground
-from rnc_pin.lab.mujoco.joint_coordinates import RobotCoordinates
 from rnc_pin.math.linear_algebra import null_space
 from rnc_pin.model.input_validation import own_vector
 from rnc_pin.model.kinematics import Kinematics

@@ -17,9 +17,8 @@ from systems import arm_on_base, differential_drive, floating_robot, sleigh
 mujoco = pytest.importorskip("mujoco", reason="comes with the extra mujoco")
 
 from rnc_pin.lab.mujoco import MuJoCoPlant, MuJoCoSettings  # noqa: E402
-from rnc_pin.lab.mujoco.body_tree import BodyTree  # noqa: E402
+from rnc_pin.lab.mujoco.body_tree import BodyTree, RobotCoordinates  # noqa: E402
 from rnc_pin.lab.mujoco.contact_bodies import contact_bodies  # noqa: E402
-from rnc_pin.lab.mujoco.joint_coordinates import RobotCoordinates  # noqa: E402
 from simple_controllers import Inputs  # noqa: E402
 
 

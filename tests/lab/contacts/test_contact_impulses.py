@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.lab.contacts.friction_impulses import FrictionImpulses, RigidImpulses
-from rnc_pin.lab.contacts.unilateral_contact import FrictionGroup
+from rnc_pin.lab.contacts.contact_impulses import FrictionGroup, FrictionImpulses, RigidImpulses
 
 
 def problem(kind, friction, seed):
