@@ -1,7 +1,7 @@
 """Exports of ``rnc_pin.plants``, which ``__init__.py`` imports at their first use."""
 
-from ..lab.contacts.contact_plant import ContactPlant as ContactPlant
 from ..lab.contacts.contact_impulses import UnilateralContact as UnilateralContact
+from ..lab.contacts.contact_plant import ContactPlant as ContactPlant
 from ..lab.faults import ChangingPlant as ChangingPlant
 from ..lab.faults import Faults as Faults
 from ..lab.faults import FaultyPlant as FaultyPlant

@@ -13,6 +13,12 @@ from rnc_pin.errors import ConfigurationError, ModelError, argument, nearest
 JointValue = float | Sequence[float] | np.ndarray
 
 _QUATERNION = ("qx", "qy", "qz", "qw")
+_KINDS = {
+    "JointModelPlanar": (("x", "y", "cos", "sin"), "3 (x, y, yaw)"),
+    "JointModelFreeFlyer": (("x", "y", "z", *_QUATERNION), "7 (x, y, z, quaternion x, y, z, w)"),
+    "JointModelSpherical": (_QUATERNION, "4 (quaternion x, y, z, w)"),
+}
+"""Entries of q, and values that a user gives, of joints whose q are no coordinates of their velocity."""
 
 NO_LIMIT = 1e10
 """Value above which a number of a robot file means that there is no limit; Pinocchio writes the largest float."""
@@ -69,12 +75,7 @@ def _joint_coordinates(name: str, joint: pin.JointModel, entry: np.ndarray) -> n
     # Joints on a vector space take their coordinates as they are.
     if entry.size == joint.nq == joint.nv:
         return entry
-    expected = {
-        "JointModelPlanar": "3 (x, y, yaw)",
-        "JointModelFreeFlyer": "7 (x, y, z, quaternion x, y, z, w)",
-        "JointModelSpherical": "4 (quaternion x, y, z, w)",
-    }
-    count = expected.get(kind, str(joint.nv))
+    _, count = _KINDS.get(kind, ((), str(joint.nv)))
     raise ModelError(f"joint '{name}' takes {count} value{'s' * (count != '1')}, found {entry.size}")
 
 
@@ -231,12 +232,6 @@ class NamedModel:
         """
         found: list[tuple[str, str]] = []
         units = [unit.removesuffix("/s") for unit in self.velocity_units]
-        # Coordinates of joints whose entries of q are no coordinates of their velocity.
-        coordinates = {
-            "JointModelPlanar": ("x", "y", "cos", "sin"),
-            "JointModelFreeFlyer": ("x", "y", "z", *_QUATERNION),
-            "JointModelSpherical": _QUATERNION,
-        }
         for name, joint in zip(self.joint_names, list(self.model.joints)[1:], strict=True):
             own = units[joint.idx_v : joint.idx_v + joint.nv]
             if joint.nq == 1:
@@ -244,8 +239,8 @@ class NamedModel:
                 continue
             if _goes_round(joint):
                 entries = [("cos", "-"), ("sin", "-")]
-            elif joint.shortname() in coordinates:
-                entries = [(each, "m" if each in "xyz" else "-") for each in coordinates[joint.shortname()]]
+            elif joint.shortname() in _KINDS:
+                entries = [(each, "m" if each in "xyz" else "-") for each in _KINDS[joint.shortname()][0]]
             else:
                 # Only with equal numbers do entries of q belong to entries of v.
                 entries = [(str(k), unit) for k, unit in enumerate(own if joint.nq == joint.nv else ["-"] * joint.nq)]

@@ -251,7 +251,8 @@ def read_table(path: Path, mapping: LogMapping) -> list[Channel]:
     Raises:
         ConfigurationError: the file or a column cannot be read.
     """
-    chosen = list(_columns(mapping))
+    groups = (*mapping.joints.values(), *mapping.frames.values())
+    chosen = [column for keys in groups for column in _given(keys).values()]
     if not chosen:
         raise ConfigurationError(f"{path}: its mapping names no column of a joint or a frame")
     # Each column once, also one that two channels share.
@@ -260,12 +261,6 @@ def read_table(path: Path, mapping: LogMapping) -> list[Channel]:
     numbers = dict(zip(places, read, strict=True))
     time = numbers[mapping.time.column] * mapping.time.scale + mapping.time.offset
     return [*_channels(path, mapping, time, numbers)]
-
-
-def _columns(mapping: LogMapping) -> Iterator[ColumnKeys]:
-    for group in (mapping.joints, mapping.frames):
-        for keys in group.values():
-            yield from _given(keys).values()
 
 
 def _given(keys: Strict) -> dict[str, ColumnKeys]:

@@ -17,15 +17,9 @@ import pinocchio as pin
 
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import DivergenceError
+from rnc_pin.lab.mujoco import contact_bodies
 from rnc_pin.lab.mujoco.body_tree import BodyTree, JointEquality, RobotCoordinates, add_equalities, mujoco
-from rnc_pin.lab.mujoco.contact_bodies import (
-    ContactBody,
-    MuJoCoSettings,
-    choose_support,
-    common_plane,
-    contact_bodies,
-    on_one_plane,
-)
+from rnc_pin.lab.mujoco.contact_bodies import ContactBody, MuJoCoSettings
 from rnc_pin.lab.mujoco.ground import Ground, add_ground
 from rnc_pin.math.linear_algebra import null_space
 from rnc_pin.model.input_validation import own_vector
@@ -88,11 +82,11 @@ class MuJoCoPlant:
         self._reduced = reduced
         robot, blocks = reduced.robot, [place.block for place in reduced.all_constraints.places]
         q = robot.configuration() if q0 is None else np.asarray(q0, dtype=float)
-        contacts = contact_bodies(robot, blocks)
-        ground, plane = 0.0, common_plane(blocks)
+        contacts = contact_bodies.contact_bodies(robot, blocks)
+        ground, plane = 0.0, contact_bodies.common_plane(blocks)
         if contacts:
-            contacts, ground = on_one_plane(robot, contacts, q, plane)
-        support = choose_support(robot, contacts, ground, q, self.settings, plane)
+            contacts, ground = contact_bodies.on_one_plane(robot, contacts, q, plane)
+        support = contact_bodies.choose_support(robot, contacts, ground, q, self.settings, plane)
         self.stance, self._lift = support.root, support.lift
         spec = mujoco.MjSpec()
         tree = BodyTree(spec, robot, support.root, self.settings.joint_limits)

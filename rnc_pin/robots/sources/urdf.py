@@ -62,7 +62,6 @@ def read_urdf(
     # Repairs first: checks after them tell only what no repair can decide.
     notes = repair(root, path)
     _check_unique(root, path)
-    _check_joints(root, path)
     meshes = Meshes(root, path, packages)
     # Meshes are known now, whose boxes give the moments; the checks come after, because masses repair what they refuse.
     if masses:
@@ -204,45 +203,44 @@ def _check_unique(root: ElementTree.Element, path: Path) -> None:
                 raise ModelError(f"{path}: {tag} '{each.get('name')}' is not unique{where}")
 
 
-def _check_joints(root: ElementTree.Element, path: Path) -> None:
-    not_negative = ("damping", "friction")
-    for joint in root.findall("joint"):
-        element = joint.find("dynamics")
-        if element is not None and joint.get("type") != "fixed":
-            values = {key: description.read_number(element.get(key)) for key in not_negative}
-            description.check_not_negative(values, f"joint '{joint.get('name')}'", f"{path}: ")
-
-
 def _check_links(root: ElementTree.Element, path: Path) -> None:
-    """Check faults that urdfdom accepts without a message: unreachable links, negative masses of fixed links."""
+    """Check faults that urdfdom accepts without a message, such as unreachable links and negative damping."""
     links = dict.fromkeys(str(link.get("name")) for link in root.findall("link"))
     parents: dict[str, str] = {}
     kinds: dict[str, str | None] = {}
     types = ("fixed", "revolute", "continuous", "prismatic", "floating", "planar")
     for joint in root.findall("joint"):
-        parent, child = (_end(joint, end) for end in ("parent", "child"))
+        name, kind = joint.get("name"), joint.get("type")
+        dynamics = joint.find("dynamics")
+        if dynamics is not None and kind != "fixed":
+            values = {key: description.read_number(dynamics.get(key)) for key in ("damping", "friction")}
+            description.check_not_negative(values, f"joint '{name}'", f"{path}: ")
+        ends = {each.tag: each.get("link", "") for each in reversed(joint)}
+        parent, child = ends.get("parent", ""), ends.get("child", "")
         if parent not in links or child not in links:
             return  # urdfdom reports the missing link
         # A second parent would close a loop, which a tree of joints cannot have.
         if child in parents:
-            raise ModelError(f"{path}: link '{child}' is the child of two joints, '{joint.get('name')}' the second")
-        parents[child], kinds[child] = parent, joint.get("type")
-        kind = joint.get("type")
+            raise ModelError(f"{path}: link '{child}' is the child of two joints, '{name}' the second")
+        parents[child], kinds[child] = parent, kind
         if kind is not None and kind not in types:
-            raise ModelError(f"{path}: joint '{joint.get('name')}' of type '{kind}'{nearest(kind, types)}")
+            raise ModelError(f"{path}: joint '{name}' of type '{kind}'{nearest(kind, types)}")
         axis = joint.find("axis")
         numbers = None if axis is None else description.read_numbers(axis.get("xyz", "1 0 0"))
-        if numbers is not None and not numbers.any() and joint.get("type") not in ("fixed", "floating"):
-            raise ModelError(f"{path}: the axis of joint '{joint.get('name')}' is zero")
+        if numbers is not None and not numbers.any() and kind not in ("fixed", "floating"):
+            raise ModelError(f"{path}: the axis of joint '{name}' is zero")
     # Cycles first: all their links have parents, so they have no root to be reported.
     _check_chains(parents, path)
     roots = [f"[{link}]" for link in links if link not in parents]
     if len(roots) > 1:
         raise ModelError(f"{path}: several root links: {few(roots, 6)}: attach all but one with fixed joints")
-    for element in root.findall("link"):
-        link = str(element.get("name"))
-        if kinds.get(link, "fixed") == "fixed":  # a movable link is checked with its joint
-            _check_mass(element, link, path)
+    for link in root.findall("link"):
+        name, mass = str(link.get("name")), link.find("inertial/mass")
+        number = None if mass is None else description.read_number(mass.get("value"))
+        # A movable link is checked with its joint.
+        if number is not None and number < 0 and kinds.get(name, "fixed") == "fixed":
+            remedy = f"give it another with {argument('masses', {name: 0.1})}"
+            raise ModelError(f"{path}: mass of link '{name}' is negative: {number:g} kg; {remedy}")
 
 
 def _check_chains(parents: Mapping[str, str], path: Path) -> None:
@@ -260,19 +258,6 @@ def _check_chains(parents: Mapping[str, str], path: Path) -> None:
     longest = 1000  # links: Pinocchio visits them by recursion, which would overflow the stack
     if max(depths.values(), default=0) > longest:
         raise ModelError(f"{path}: a chain of more than {longest} links, each the parent of the next")
-
-
-def _end(joint: ElementTree.Element, end: str) -> str:
-    element = joint.find(end)
-    return "" if element is None else element.get("link", "")
-
-
-def _check_mass(element: ElementTree.Element, link: str, path: Path) -> None:
-    mass = element.find("inertial/mass")
-    number = None if mass is None else description.read_number(mass.get("value"))
-    if number is not None and number < 0:
-        remedy = f"give it another with {argument('masses', {link: 0.1})}"
-        raise ModelError(f"{path}: mass of link '{link}' is negative: {number:g} kg; {remedy}")
 
 
 def _mimics(root: ElementTree.Element, path: Path) -> tuple[description.Mimic, ...]:

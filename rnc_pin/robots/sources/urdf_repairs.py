@@ -73,11 +73,8 @@ def snapped_angle(text: str) -> float:
     if abs(angle - right) <= TOLERANCE:
         return right
     fractions = (math.pi / 4, math.pi / 6)  # these include all multiples of pi/2 and pi/3
-    for fraction in fractions:
-        multiple = round(angle / fraction) * fraction
-        if is_rounding(text, multiple):
-            return multiple
-    return angle
+    multiples = (round(angle / fraction) * fraction for fraction in fractions)
+    return next((each for each in multiples if is_rounding(text, each)), angle)
 
 
 def snapped_direction(texts: Sequence[str]) -> list[float]:
@@ -388,9 +385,7 @@ def _drop_unused(root: ElementTree.Element) -> None:
             root.remove(material)
         seen.add(name)
     for joint in root.findall("joint"):
-        for tag in ("safety_controller", "calibration"):
-            for element in joint.findall(tag):
-                joint.remove(element)
-        for element in joint.findall("dynamics"):
-            if element.get("damping") is None and element.get("friction") is None:
+        for element in list(joint):
+            empty = element.tag == "dynamics" and not element.attrib.keys() & {"damping", "friction"}
+            if empty or element.tag in ("safety_controller", "calibration"):
                 joint.remove(element)

@@ -18,17 +18,8 @@ from xml.etree.ElementTree import Element
 
 from rnc_pin.errors import ModelError, nearest, place_of
 from rnc_pin.robots.robot_files import Packages
-from rnc_pin.robots.sources.xacro_definitions import (
-    Arguments,
-    Macro,
-    Parameter,
-    PlacedElement,
-    Scope,
-    Substitution,
-    read_document,
-    read_macro,
-    truth,
-)
+from rnc_pin.robots.sources import xacro_definitions as definitions
+from rnc_pin.robots.sources.xacro_definitions import Macro, Parameter, PlacedElement, Scope, Substitution
 from rnc_pin.robots.sources.xacro_expressions import Namespace, Value
 
 _PREFIX = "xacro:"
@@ -52,7 +43,7 @@ def expand(
     texts = {
         name: str(value).lower() if isinstance(value, bool) else str(value) for name, value in (arguments or {}).items()
     }
-    given = Arguments(texts)
+    given = definitions.Arguments(texts)
     expander = _Expander(path, Substitution(path, given, packages), known)
     try:
         root = expander.expand()
@@ -99,7 +90,7 @@ class _Expander:
 
     def expand(self) -> Element:
         """Return the root element of the expanded file."""
-        return self._copy(read_document(self._path), Scope(self._substitution.symbols, self._value))
+        return self._copy(definitions.read_document(self._path), Scope(self._substitution.symbols, self._value))
 
     def _text(self, text: str, scope: Scope) -> str:
         return str(self._value(text, scope))
@@ -154,7 +145,7 @@ class _Expander:
 
     def _condition(self, element: Element, target: Element, scope: Scope) -> None:
         text = _required(element, "value")
-        if truth(self._value(text, scope), text) == (element.tag == "xacro:if"):
+        if definitions.truth(self._value(text, scope), text) == (element.tag == "xacro:if"):
             self._inside(element, target, scope)
 
     def _insert_block(self, element: Element, target: Element, scope: Scope) -> None:
@@ -196,11 +187,11 @@ class _Expander:
 
     def _flag(self, element: Element, key: str, default: str, scope: Scope) -> bool:
         text = element.get(key, default)
-        return truth(self._value(text, scope), text)
+        return definitions.truth(self._value(text, scope), text)
 
     def _macro(self, element: Element, _target: Element, scope: Scope) -> None:
         name = _required(element, "name").removeprefix(_PREFIX)
-        scope.macros[name] = read_macro(element, name)
+        scope.macros[name] = definitions.read_macro(element, name)
 
     def _call(self, element: Element, target: Element, scope: Scope) -> None:
         name = element.tag.removeprefix(_PREFIX)
@@ -254,7 +245,7 @@ class _Expander:
         if namespace:
             name, inner = self._text(namespace, scope), scope.inner(namespace=True)
             scope.define(name, Namespace(name, inner))
-        optional = truth(element.get("optional", "false"), "optional")
+        optional = definitions.truth(element.get("optional", "false"), "optional")
         path = self._substitution.path(self._text(_required(element, "filename"), scope))
         if optional and not os.path.isfile(path):
             return
@@ -263,7 +254,7 @@ class _Expander:
         self._substitution.files.append(path)
         self._check_depth()
         try:
-            source = read_document(path)
+            source = definitions.read_document(path)
         except ModelError:
             if os.path.isfile(path):  # a missing file is a fault of the file that includes it
                 self._fault = path, 0

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, MutableMapping
 from contextlib import suppress
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from functools import partial
 from pathlib import Path
 from xml.etree.ElementTree import Element, ParseError
 
@@ -321,10 +322,10 @@ class Substitution:
         self.symbols = expressions.builtins() | own | {"xacro": Namespace("xacro", xacro)}
         self._commands: dict[str, Callable[..., str]] = {
             "arg": arguments.text,
-            "dirname": self._folder,
+            "dirname": lambda: str(self.files[-1].parent.resolve()),
             "env": self._variable,
             "find": self._found,
-            "optenv": self._optional_variable,
+            "optenv": lambda name, default="": self._variable(name, default),
         }
         # Names of $(eval ...): its arg() gives numbers, and not their text.
         calls = {name: Function(run) for name, run in self._commands.items()} | {"arg": Function(arguments.__getitem__)}
@@ -394,9 +395,6 @@ class Substitution:
             raise ModelError(f"'$({text[:60]})' takes {'no' if command == 'dirname' else 'one'} name")
         return self._commands[command](*words)
 
-    def _folder(self) -> str:
-        return str(self.files[-1].parent.resolve())
-
     def _found(self, name: str) -> str:
         folder = self._packages.folder(name)
         if folder is None:
@@ -404,16 +402,16 @@ class Substitution:
             raise ModelError(f"no package '{name}': {remedy}")
         return str(folder)
 
-    def _variable(self, name: str) -> str:
-        if not _is_readable(name):
-            remedy = "make it an argument, <xacro:arg>, and give that"
-            raise ModelError(f"a file may not read environment variable '{name}': {remedy}")
-        if name not in os.environ:
+    def _variable(self, name: str, default: str | None = None) -> str:
+        is_readable = any(fnmatchcase(name, pattern) for pattern in ENVIRONMENT)
+        if is_readable and name in os.environ:
+            return self._chosen(os.environ[name])
+        if default is not None:
+            return default
+        if is_readable:
             raise ModelError(f"environment variable '{name}' is not set")
-        return self._chosen(os.environ[name])
-
-    def _optional_variable(self, name: str, default: str = "") -> str:
-        return self._chosen(os.environ[name]) if _is_readable(name) and name in os.environ else default
+        remedy = "make it an argument, <xacro:arg>, and give that"
+        raise ModelError(f"a file may not read environment variable '{name}': {remedy}")
 
     def _chosen(self, text: str) -> str:
         """Allow the file that the user names in an argument or variable. A folder is not allowed in this way."""
@@ -448,11 +446,6 @@ class Substitution:
         return ""
 
 
-def _is_readable(name: str) -> bool:
-    """True if a file may read an environment variable."""
-    return any(fnmatchcase(name, pattern) for pattern in ENVIRONMENT)
-
-
 def _fail(*words: Value) -> Value:
     raise ModelError(" ".join(map(str, words)))
 
@@ -464,14 +457,10 @@ def _unit_loader(budget: expressions.Budget) -> type[BoundedLoader]:
     class Loader(BoundedLoader):
         """YAML loader with constructors of its own: yaml keeps them in the class."""
 
-    def add(tag: str, factor: float) -> None:
-        def read(loader: BoundedLoader, node: yaml.ScalarNode) -> float:
-            return float(expressions.evaluate(str(loader.construct_scalar(node)), names, budget)) * factor
+    def read(factor: float, loader: BoundedLoader, node: yaml.ScalarNode) -> float:
+        return float(expressions.evaluate(str(loader.construct_scalar(node)), names, budget)) * factor
 
-        Loader.add_constructor(tag, read)
-
-    for tag, factor in (("!radians", 1.0), ("!degrees", math.pi / 180.0), ("!meters", 1.0), ("!millimeters", 0.001)):
-        add(tag, factor)
-    for tag, factor in (("!foot", 0.3048), ("!inches", 0.0254)):
-        add(tag, factor)
+    units = {"radians": 1.0, "degrees": math.pi / 180.0, "meters": 1.0, "millimeters": 0.001, "foot": 0.3048}
+    for unit, factor in {**units, "inches": 0.0254}.items():
+        Loader.add_constructor(f"!{unit}", partial(read, factor))
     return Loader
