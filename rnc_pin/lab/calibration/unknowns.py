@@ -225,23 +225,21 @@ class RowGeometry:
             parts.append((block, samples, self._kinematics.position(self._configurations(states))))
         return EvaluatedRows(self, parts, list(columns))
 
-    def along(self, block: _Block, place: PositionKinematics, direction: int | Virtual | str) -> np.ndarray | None:
-        """Derivative (S, k, n) of a block along a direction; None if it does not depend on it.
+    def along(self, block: _Block, place: PositionKinematics, direction: int | Virtual | str) -> np.ndarray:
+        """Derivative (S, k, n) of a block along a direction; (1, k, n) zeros if it does not depend on it.
 
         Args:
             block: rows of one constraint.
             place: kinematics at S states.
             direction: column of a joint, displacement of a joint, or frame of a wheel, for its radius.
         """
-        if isinstance(direction, str):
-            if block not in self._radii[direction]:
-                return None
+        if isinstance(direction, str) and block in self._radii[direction]:
             # Rows are affine in the radius: the difference for one metre is the derivative, exactly.
             larger = replace(block.kind, radius=block.kind.radius + 1.0).bind(self._robot)
             return np.asarray(larger.jacobian(place) - block.rows.jacobian(place))
-        column = self._virtual[direction] if isinstance(direction, Virtual) else direction
-        if isinstance(direction, int) and column not in block.shape:
-            return None
+        if isinstance(direction, str) or (isinstance(direction, int) and direction not in block.shape):
+            return np.zeros((1, len(block.rows.names), self._robot.nv))
+        column = direction if isinstance(direction, int) else self._virtual[direction]
         return self._slope(block, place, np.eye(self._robot.nv)[column])
 
     def _slope(self, block: _Block, place: PositionKinematics, direction: np.ndarray) -> np.ndarray:
@@ -282,14 +280,11 @@ class EvaluatedRows:
         """
         return self._joined([self._geometry.along(block, place, direction) for block, _, place in self._parts])
 
-    def _joined(self, tables: Sequence[np.ndarray | None]) -> np.ndarray:
+    def _joined(self, tables: Sequence[np.ndarray]) -> np.ndarray:
         found = []
         for (block, samples, _), table in zip(self._parts, tables, strict=True):
-            if table is None:
-                found.append(np.zeros((1, len(block.kept), len(self._columns))))
-            else:
-                whole = np.broadcast_to(table, (len(samples.states), *table.shape[-2:]))
-                found.append(samples.values(whole[:, np.array(block.kept)[:, None], self._columns]))
+            whole = np.broadcast_to(table, (len(samples.states), *table.shape[-2:]))
+            found.append(samples.values(whole[:, np.array(block.kept)[:, None], self._columns]))
         size = max(map(len, found))
         return np.concatenate([np.broadcast_to(each, (size, *each.shape[1:])) for each in found], axis=1)
 
@@ -301,22 +296,19 @@ class _Samples(NamedTuple):
     """Joint positions (S, d)."""
     angle: np.ndarray | None
     """Angles (N,) relative to the range of the nodes, from -1 to 1; None without an interpolation."""
-    inverse: np.ndarray
-    """State of each sample (N,), or (1,) for all."""
 
     @classmethod
     def over(cls, shape: Sequence[np.ndarray]) -> _Samples:
-        """States for positions (N,) of joints: one without joints, nodes for one angle, else each once."""
+        """States for positions (N,) of joints: one without joints, nodes for one angle, else all."""
         if not shape:
-            return cls(np.zeros((1, 0)), None, np.zeros(1, dtype=int))
+            return cls(np.zeros((1, 0)), None)
         many = 4 * _NODES  # states above which an interpolation pays
         widest = 2.0 * np.pi  # range of an interpolation [rad]; the coefficients that a turn needs fit into the nodes
         if len(shape) == 1 and len(shape[0]) > many and np.ptp(shape[0]) <= widest:
             low, high = shape[0].min(), shape[0].max()
             middle, half = (low + high) / 2, max(high - low, 1e-3) / 2
-            return cls((middle + half * _AT_NODES)[:, None], (shape[0] - middle) / half, np.zeros(0, dtype=int))
-        states, inverse = np.unique(np.stack(shape, axis=1), axis=0, return_inverse=True)
-        return cls(states, None, inverse.ravel())
+            return cls((middle + half * _AT_NODES)[:, None], (shape[0] - middle) / half)
+        return cls(np.stack(shape, axis=1), None)
 
     def values(self, at_states: np.ndarray) -> np.ndarray:
         """Values (N or 1, ...) at the samples from those at the states (S, ...).
@@ -325,7 +317,7 @@ class _Samples(NamedTuple):
             at_states: values at the states (S, ...).
         """
         if self.angle is None:
-            return at_states[self.inverse]
+            return at_states
         coefficients = _TO_COEFFICIENTS @ at_states.reshape(_NODES, -1)
         rounding = 1e-15  # coefficients that are left out
         large = np.abs(coefficients) > rounding * max(np.abs(at_states).max(), 1.0)

@@ -223,7 +223,6 @@ class ContactRows:
 
     def __init__(self, contacts: Sequence[BoundContact], dry: DryFriction) -> None:
         self._contacts, self._dry = contacts, dry
-        self._layouts: dict[tuple[frozenset[int], bool], RowLayout] = {}
 
     def layout(self, touching: frozenset[int], joints: bool = True) -> RowLayout:
         """Order of the rows.
@@ -232,11 +231,6 @@ class ContactRows:
             touching: numbers of the contacts that touch.
             joints: False without the rows of joint friction, as in an impact.
         """
-        if (touching, joints) not in self._layouts:
-            self._layouts[touching, joints] = self._layout(touching, joints)
-        return self._layouts[touching, joints]
-
-    def _layout(self, touching: frozenset[int], joints: bool) -> RowLayout:
         found, k = RowLayout([], 0, [], [], []), 0
         for number in sorted(touching):
             each = self._contacts[number]
@@ -446,11 +440,10 @@ class FrictionImpulses:
 
     def _natural_map(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Difference (k,) of p from its projected gradient step, and its slope (k, k)."""
-        F, slope = self._scaled @ p + self._speeds, self._scaled  # where a row does not move after the impulse
-        z, copied = p - F, False
+        F, slope = self._scaled @ p + self._speeds, self._scaled.copy()  # where a row does not move after the impulse
+        z = p - F
         for row in self._normals:
             if z[row] <= 0.0:
-                slope, copied = slope if copied else slope.copy(), True
                 F[row], slope[row] = p[row], 0.0
                 slope[row, row] = 1.0
         for group in self._groups:
@@ -458,7 +451,6 @@ class FrictionImpulses:
             length = math.sqrt(wanted @ wanted)
             if length <= limit:
                 continue
-            slope, copied = slope if copied else slope.copy(), True
             direction, share = wanted / length, limit / length
             kept = self._kept[rows]
             F[rows] = p[rows] - limit * direction

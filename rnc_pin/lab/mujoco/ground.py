@@ -141,7 +141,6 @@ class Ground:
         self._place[self._geoms] = np.arange(len(self.names))
         self._first_direction = np.array([each.friction == "all" for each in self._with_friction], dtype=float)
         """1 if the first friction direction has friction, else 0."""
-        self._touching = np.empty(0, dtype=int), np.zeros((len(self.names), 0))
         self._along = np.zeros(len(self.names))
         """Drive forces of wheels without a joint, along their headings [N]."""
         self.slid = np.zeros(len(self.names))
@@ -241,15 +240,11 @@ class Ground:
         numbers = np.flatnonzero((places >= 0) & (rows >= 0))
         if len(numbers):
             # The normal row of a contact comes first, then both tangential ones.
-            sums, entries = self._sums(places[numbers]), rows[numbers, None] + np.arange(3)
+            # Each wheel sums up its contacts.
+            sums = (places[numbers] == np.arange(size)[:, None]).astype(float)
+            entries = rows[numbers, None] + np.arange(3)
             total = sums @ data.efc_force[entries]
             moving = data.efc_vel[entries[:, 1:]]
             moving[:, 0] *= self._first_direction @ sums  # zero if that direction has no friction
             slip = (sums @ np.hypot(moving[:, 0], moving[:, 1])) / np.maximum(sums.sum(axis=1), 1.0)
         return total[:, 0], np.abs(total[:, 1:]), slip
-
-    def _sums(self, places: np.ndarray) -> np.ndarray:
-        """Summation matrix from contacts to wheels, (w, contacts); cached while the same contacts are active."""
-        if not np.array_equal(places, self._touching[0]):
-            self._touching = places, (places == np.arange(len(self.names))[:, None]).astype(float)
-        return self._touching[1]
