@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
@@ -268,11 +269,7 @@ class PoseProblem:
         Args:
             windows: windows, each with a free first pose.
         """
-
-        def predict(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            found = self._motion.poses(p, self.times[windows.samples])
-            return found.values, found.slopes
-
+        predict = partial(self._motion.poses, times=self.times[windows.samples])
         return WindowFit(predict, self.measured[windows.samples], windows, self._heading)
 
     def base_poses(self, times: np.ndarray) -> np.ndarray:

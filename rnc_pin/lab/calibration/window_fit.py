@@ -103,9 +103,6 @@ class _Displacement:
 _POSITION, _HEADING = 2.0, 1.5  # residuals in standard deviations above which a sample counts less (Huber)
 
 
-Prediction = Callable[[Array], tuple[Array, Array]]
-
-
 @dataclass(frozen=True)
 class Windows:
     """Windows of time: the window of each sample, in the order of time."""
@@ -223,15 +220,11 @@ def correlation_of(fit: Fit) -> float:
     Args:
         fit: the fit, whose samples are in the order of time.
     """
-    return max(correlation_length(column) for column in fit.residuals.T)
+    return max(map(_correlation_length, fit.residuals.T))
 
 
-def correlation_length(residuals: Array) -> float:
-    """Number of samples over which residuals (N,) are correlated: 1 plus twice the sum of their first correlations.
-
-    Args:
-        residuals: residuals (N,) in the order of time.
-    """
+def _correlation_length(residuals: Array) -> float:
+    """Number of samples over which residuals (N,) are correlated: 1 plus twice the sum of their first correlations."""
     r = residuals - residuals.mean()
     limit = len(r) // 2
     # Zeros behind the residuals, at least as many: the product of spectra is periodic.
@@ -249,13 +242,13 @@ class WindowFit:
     """Least squares of a predicted path over windows.
 
     Args:
-        predict: function from parameters (P,) to poses (M, 3) of the samples and their derivatives (M, 3, P).
+        predict: function from parameters (P,) to poses of the samples.
         measured: measured poses of the samples (M, 3).
         windows: windows of the samples.
         heading: True if headings are measured.
     """
 
-    def __init__(self, predict: Prediction, measured: Array, windows: Windows, heading: bool) -> None:
+    def __init__(self, predict: Callable[[Array], Poses], measured: Array, windows: Windows, heading: bool) -> None:
         self._predict, self._measured, self._windows, self._heading = predict, measured, windows, heading
 
     def at(self, p: Array) -> Fit:
@@ -264,7 +257,7 @@ class WindowFit:
         Args:
             p: parameters (P,).
         """
-        poses, slopes = self._predict(p)
+        poses, slopes, _ = self._predict(p)
         return self._settled(poses, slopes, self._aligned(poses, slopes[:, :, :0], None))
 
     def _aligned(self, poses: Array, slopes: Array, previous: Fit | None) -> Fit:
@@ -339,7 +332,7 @@ class WindowFit:
                 step = -np.linalg.solve(H + damping * np.diag(size), g)
                 other = p + scales * step
                 if valid(other):
-                    poses, slopes = self._predict(other)
+                    poses, slopes, _ = self._predict(other)
                     found = self._aligned(poses, slopes[:, :, :0], fit)
                     # Rounding of the cost may not refuse the last steps.
                     if total(found, other) <= before * (1 + 1e-12):

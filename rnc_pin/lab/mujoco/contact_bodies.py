@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal, NamedTuple, get_args
+from typing import Literal, get_args
 
 import coal
 import numpy as np
@@ -179,10 +179,8 @@ def contact_bodies(robot: Robot, blocks: Sequence[Rows]) -> list[ContactBody]:
         blocks: bound constraints.
 
     Raises:
-        ConfigurationError: a wheel has oblique rollers, for which the robot has no bodies, or bodies roll on other
-            ground than one plane at rest.
+        ConfigurationError: a wheel has oblique rollers, for which the robot has no bodies.
     """
-    common_plane(blocks)
     mechanisms = (each for block in blocks for each in block.mechanisms() if isinstance(each, GroundContact))
     return [body for contact in mechanisms for body in _bodies(robot, contact)]
 
@@ -287,24 +285,10 @@ _SUPPORT_MARGIN = 0.1
 _LEVEL_TOLERANCE = 1e-6
 
 
-class BaseSupport(NamedTuple):
-    """Base type and added supports of a robot.
-
-    Attributes:
-        root: type of its base in MuJoCo.
-        casters: frictionless supports that are added to its base.
-        lift: height above its position in the robot model [m].
-    """
-
-    root: Root
-    casters: tuple[ContactBody, ...] = ()
-    lift: float = 0.0
-
-
 def choose_support(
     robot: Robot, contacts: Sequence[ContactBody], ground: float, q: Array, settings: MuJoCoSettings, plane: GroundPlane
-) -> BaseSupport:
-    """Choose base type and casters for a robot at configuration q, with the ground at height ``ground`` [m].
+) -> tuple[Root, tuple[ContactBody, ...]]:
+    """Return the base type in MuJoCo, and the frictionless casters that are added to the base.
 
     Args:
         robot: the robot.
@@ -318,7 +302,7 @@ def choose_support(
         ConfigurationError: no weight presses its wheels on the ground.
     """
     if not contacts:
-        return BaseSupport("as it is")
+        return "as it is", ()
     down, base = robot.model.gravity.linear, robot.model.joints[1].shortname()
     along, across = np.linalg.norm(plane.axes[:2] @ down), float(plane.axes[2] @ down)
     level = along < _LEVEL_TOLERANCE * abs(across)
@@ -329,29 +313,29 @@ def choose_support(
             f"{argument('base', 'free')}"
         )
     if base == "JointModelFreeFlyer":
-        return BaseSupport("as it is")
+        return "as it is", ()
     if base != "JointModelPlanar" or any(each.joint == 0 for each in contacts):
         raise ConfigurationError(
             f"MuJoCo: nothing presses wheel '{contacts[0].name}' on the ground: load the robot with "
             f"{argument('base', 'planar')}, or 'free'"
         )
     if settings.stance == "level":
-        return BaseSupport("level", lift=-ground)
+        return "level", ()
     data = robot.model.createData()
     columns = pin.computeJointJacobians(robot.model, data, q).reshape(6, robot.nv)
     points = np.array([each.at(data.oMi[each.joint])[1][:2] for each in contacts])
     weight = np.asarray(pin.centerOfMass(robot.model, data, q))[:2]
     upright = all(_stays_upright(robot, data, columns, each) for each in contacts)
     if upright and _carries(points, weight) and settings.casters is not True:
-        return BaseSupport("free", lift=-ground)
+        return "free", ()
     # Casters carry nothing sideways: they only keep wheels on one line from tipping.
     added = _outriggers(points) if settings.casters is not False else None
     fits = added is not None and _carries(np.vstack([points, added]), weight)
     # A vehicle that would tip is kept level, or its run would be one of falling.
     if settings.stance == "auto" and not (upright and fits):
-        return BaseSupport("level", lift=-ground)
+        return "level", ()
     casters = () if added is None else tuple(_support(data.oMi[1], k, at, ground) for k, at in enumerate(added))
-    return BaseSupport("free", casters, -ground)
+    return "free", casters
 
 
 def _stays_upright(robot: Robot, data: pin.Data, columns: Array, contact: ContactBody) -> bool:

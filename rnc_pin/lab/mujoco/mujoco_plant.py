@@ -82,15 +82,15 @@ class MuJoCoPlant:
         self._reduced = reduced
         robot, blocks = reduced.robot, [place.block for place in reduced.all_constraints.places]
         q = robot.configuration() if q0 is None else np.asarray(q0, dtype=float)
-        contacts = contact_bodies.contact_bodies(robot, blocks)
         ground, plane = 0.0, contact_bodies.common_plane(blocks)
+        contacts = contact_bodies.contact_bodies(robot, blocks)
         if contacts:
             contacts, ground = contact_bodies.on_one_plane(robot, contacts, q, plane)
-        support = contact_bodies.choose_support(robot, contacts, ground, q, self.settings, plane)
-        self.stance, self._lift = support.root, support.lift
+        self.stance, casters = contact_bodies.choose_support(robot, contacts, ground, q, self.settings, plane)
+        self._lift = -ground
         spec = mujoco.MjSpec()
-        tree = BodyTree(spec, robot, support.root, self.settings.joint_limits)
-        add_ground(spec, tree, [*contacts, *support.casters], self.settings, plane)
+        tree = BodyTree(spec, robot, self.stance, self.settings.joint_limits)
+        add_ground(spec, tree, [*contacts, *casters], self.settings, plane)
         couplers = add_equalities(spec, tree, blocks, self.settings.step)
         self._set_options(spec.option)
         self._inputs = ActuatorMapping(reduced, contacts, q, plane.axes[2])
@@ -99,10 +99,10 @@ class MuJoCoPlant:
         joints = tree.finish(self.model, self.data, self.settings.joint_damping)
         self._joints = RobotCoordinates(joints, robot.nq, robot.nv)
         self._equalities = [JointEquality(self.model, name, coupler) for name, coupler in couplers]
-        self._ground = Ground(self.model, self.data, [*contacts, *support.casters], self.settings, plane)
+        self._ground = Ground(self.model, self.data, [*contacts, *casters], self.settings, plane)
         self.wheel_names = self._ground.names
         self._drawn_wheels = [self.wheel_names.index(name) for name in self._inputs.drawn]
-        self.casters = tuple(each.name for each in support.casters)
+        self.casters = tuple(each.name for each in casters)
         self.wheel_driven = self._inputs.wheel_driven
         self._limits = reduced.actuation.limits
         self.applied = np.zeros(reduced.p)

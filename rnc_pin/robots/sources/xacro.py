@@ -191,7 +191,9 @@ class _Expander:
 
     def _macro(self, element: Element, _target: Element, scope: Scope) -> None:
         name = _required(element, "name").removeprefix(_PREFIX)
-        scope.macros[name] = definitions.read_macro(element, name)
+        if name == "call" or "." in name:
+            raise ModelError(f"a macro cannot have the name '{name}'")
+        scope.macros[name] = Macro(element, tuple(definitions.parameters_of(element.get("params", ""))))
 
     def _call(self, element: Element, target: Element, scope: Scope) -> None:
         name = element.tag.removeprefix(_PREFIX)

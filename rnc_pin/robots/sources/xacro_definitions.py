@@ -92,27 +92,16 @@ class Parameter:
 class Macro:
     """Macro: elements that replace a call."""
 
-    name: str
     body: Element
     parameters: tuple[Parameter, ...]
 
 
-def read_macro(element: Element, name: str) -> Macro:
-    """Return the macro that an element defines.
+def parameters_of(text: str) -> Iterator[Parameter]:
+    """Yield the parameters of a macro.
 
     Args:
-        element: the ``<xacro:macro>``.
-        name: its name without prefix.
-
-    Raises:
-        ModelError: the name cannot be called.
+        text: attribute ``params`` of its element.
     """
-    if name == "call" or "." in name:
-        raise ModelError(f"a macro cannot have the name '{name}'")
-    return Macro(name, element, tuple(_parameters(element.get("params", ""))))
-
-
-def _parameters(text: str) -> Iterator[Parameter]:
     place = 0
     while place < len(text) and text[place:].strip():
         named = _PARAMETER_NAME.match(text, place)
