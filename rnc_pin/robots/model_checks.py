@@ -202,13 +202,11 @@ def massless(model: pin.Model, bodies: Mapping[str, Body]) -> tuple[Massless, ..
         q = pin.integrate(model, pin.neutral(model), step)
         # Each mended body makes the matrix positive along one more motion, so nv rounds suffice.
         for _ in range(model.nv):
-            motion = _free_of_mass(pin.crba(model, data, q))
-            if motion is None:
+            velocity = _free_of_mass(pin.crba(model, data, q))
+            if velocity is None:
                 break
-            entry, velocity = motion
-            each = _behind(model, data, q, entry, velocity, bodies)
-            found.append(each)
-            _mend(model, each)
+            found.append(_behind(model, data, q, velocity, bodies))
+            _mend(model, found[-1])
     return tuple(found)
 
 
@@ -305,20 +303,19 @@ def _mend(model: pin.Model, each: Massless) -> None:
     model.inertias[index] = pin.Inertia(mass, np.zeros(3), mass * inertia_per_mass * np.eye(3))
 
 
-def _free_of_mass(inertia_matrix: np.ndarray) -> tuple[int | None, np.ndarray] | None:
-    """Return a velocity (nv,) of zero kinetic energy, with its index if only one entry moves; None if there is none."""
+def _free_of_mass(inertia_matrix: np.ndarray) -> np.ndarray | None:
+    """Return a velocity (nv,) of zero kinetic energy, of one entry if possible; None if there is none."""
     diagonal = np.sqrt(np.maximum(np.diag(inertia_matrix), 0.0))
     if not diagonal.all():
-        entry = int(np.argmin(diagonal))
-        return entry, np.eye(len(diagonal))[entry]
+        return np.eye(len(diagonal))[np.argmin(diagonal)]
     # With a unit diagonal, eigenvalues compare motions of a finger and of a base: units and sizes cancel.
     values, vectors = np.linalg.eigh(inertia_matrix / (diagonal[:, None] * diagonal))
     least_eigenvalue = 1e-12  # of the matrix with a unit diagonal: a robot's is many orders larger, rounding smaller
-    return None if values[0] >= least_eigenvalue else (None, vectors[:, 0] / diagonal)
+    return None if values[0] >= least_eigenvalue else vectors[:, 0] / diagonal
 
 
 def _behind(
-    model: pin.Model, data: pin.Data, q: np.ndarray, entry: int | None, velocity: np.ndarray, bodies: Mapping[str, Body]
+    model: pin.Model, data: pin.Data, q: np.ndarray, velocity: np.ndarray, bodies: Mapping[str, Body]
 ) -> Massless:
     """Fault at the first body that moves in a motion of zero kinetic energy; an inertia of this body repairs it."""
     # The first body that moves in the motion carries no mass along it, nor do the bodies behind.
@@ -327,9 +324,7 @@ def _behind(
     speeds = [float(np.linalg.norm(data.v[joint].vector)) for joint in range(model.njoints)]
     moving = (index for index, speed in enumerate(speeds) if speed > 1e-6 * max(speeds))
     joint = next(moving, 1)  # no joint if placements are so large that speeds are not finite
-    if entry is not None:
-        message = f"joint '{NamedModel(model).velocity_names[entry]}' moves no mass"
-        return _massless(model, joint, message, bodies, idle=True)
-    at = int(np.argmax(np.abs(velocity)))
-    message = f"inertia matrix is singular: joint '{NamedModel(model).velocity_names[at]}' can move without moving mass"
-    return _massless(model, joint, message, bodies)
+    name = NamedModel(model).velocity_names[int(np.argmax(np.abs(velocity)))]
+    idle = np.count_nonzero(velocity) == 1
+    singular = f"inertia matrix is singular: joint '{name}' can move without moving mass"
+    return _massless(model, joint, f"joint '{name}' moves no mass" if idle else singular, bodies, idle=idle)

@@ -10,13 +10,14 @@ import numpy as np
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.evaluation_results import ReducedRegressor
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
+from rnc_pin.printing import printed
 
 _NAMED = 1e-6  # coefficient below which a parameter is not named
 
 
-@dataclass(frozen=True, repr=False)
-class BaseParameters(SummaryMixin):
+@printed()
+@dataclass(frozen=True)
+class BaseParameters:
     """Combinations ``matrix @ p`` of parameters p that act on the rows of a regressor, and combinations that do not.
 
     The columns with the indices ``columns`` have full rank, so ``numpy.linalg.lstsq(Y[:, base.columns], F)`` estimates
@@ -44,14 +45,6 @@ class BaseParameters(SummaryMixin):
     def rank(self) -> int:
         """Number of combinations that can be seen."""
         return len(self.names)
-
-    def _summary(self) -> ObjectSummary:
-        lines = [
-            ("seen", [Item(name) for name in self.names]),
-            ("not seen", [Item(name) for name in self.unseen]),
-            ("condition number", [Item(f"{self.condition:.3g}")]),
-        ]
-        return ObjectSummary(f"BaseParameters: {self.rank} of {self.matrix.shape[1]}", lines)
 
 
 def base_parameters(

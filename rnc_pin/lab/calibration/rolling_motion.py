@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 import pinocchio as pin
@@ -224,13 +225,10 @@ class RollingMotion:
         positions, changes, d_middle, d_changes = self._measured(p)
         rows = geometry.evaluate(positions, shifts, self._columns)
         solution = _Solution(rows.matrix, changes)
-        # Parameters share directions, such as the radius of a wheel with two joints: each is evaluated once.
-        effects: dict[int | Virtual | str, np.ndarray] = {}  # of columns, displacements and wheels
 
+        @cache  # parameters share directions, such as the radius of a wheel with two joints
         def effect(direction: int | Virtual | str) -> np.ndarray:
-            if direction not in effects:
-                effects[direction] = solution.effect_of_rows(rows.along(direction))
-            return effects[direction]
+            return solution.effect_of_rows(rows.along(direction))
 
         found = {}
         for k, parameter in enumerate(self.parameters):

@@ -22,7 +22,7 @@ from rnc_pin.lab.logs.channel import Correction
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics
 from rnc_pin.model.rows import Rows
 from rnc_pin.model.system import NonholonomicSystem
-from rnc_pin.robots.joint_values import NamedModel, SingleJoint
+from rnc_pin.robots.joint_values import NamedModel
 from rnc_pin.robots.robot import Robot
 
 _NODES = 40  # of an interpolation over one angle
@@ -108,10 +108,8 @@ class RowGeometry:
         self._robot = extended_robot(robot, virtual)
         model = self._robot.model
         self._kinematics = Kinematics(self._robot)
-        joints = list(zip(model.names, model.joints, strict=True))[1:]
-        single = {name: joint for name, joint in joints if joint.nv == 1}
-        self.columns = {name: joint.idx_v for name, joint in single.items()}
-        self._single = {joint.idx_v: SingleJoint.of(joint) for joint in single.values()}
+        self._single = {name: self._robot.single_joint(name) for name in self._robot.single_joint_names}
+        self.columns = {name: joint.idx_v for name, joint in self._single.items()}
         self._virtual = {each: self.columns[f"virtual {k}"] for k, each in enumerate(virtual)}
         self.base = list(range(model.joints[1].idx_v, model.joints[1].idx_v + 3))
         self._blocks = [self._bound(robot, block) for block in blocks]
@@ -248,8 +246,8 @@ class RowGeometry:
     def _configurations(self, positions: np.ndarray) -> np.ndarray:
         """Configurations (N, nq) of positions (N, n) of single joints, with the base at its origin."""
         q = np.tile(pin.neutral(self._robot.model), (len(positions), 1))
-        for column, joint in self._single.items():
-            joint.put(q, positions[:, column])
+        for joint in self._single.values():
+            joint.put(q, positions[:, joint.idx_v])
         return q
 
 
