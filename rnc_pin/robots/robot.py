@@ -282,11 +282,29 @@ class Robot(NamedModel, SummaryMixin):
         """
         if not isinstance(masses, Mapping):
             raise ModelError(f"masses have to be a mapping of links to masses [kg], found {type(masses).__name__}")
-        model = with_link_masses(self.model, masses, self.name)
-        check_model(model)
         # A shallow copy shares meshes and records of the file; what masses change is replaced.
-        robot = copy(self)
-        robot.model, robot.locked, robot._geometry = model, dict(self.locked), copy(self._geometry)
+        robot, changed = copy(self), self.model.copy()
+        robot.model, robot.locked, robot._geometry = changed, dict(self.locked), copy(self._geometry)
+        links = {frame.name: k for k, frame in enumerate(changed.frames) if frame.type == pin.FrameType.BODY}
+        for name, mass in masses.items():
+            if name not in links:
+                raise ModelError(f"no link '{name}' in robot '{self.name}'{nearest(str(name), links)}")
+            frame = changed.frames[links[name]]
+            # From the changed model: several links can be parts of one body.
+            keeper, joint = _keeper(changed, links[name]), frame.parentJoint
+            own = _moved_link(changed, joint) if keeper is None else keeper.placement.act(keeper.inertia)
+            old = np.array(own.toDynamicParameters())
+            new = _new(name, mass, old, self.name)
+            parameters = frame.placement.act(new).toDynamicParameters() if isinstance(new, pin.Inertia) else new
+            whole = np.array(changed.inertias[joint].toDynamicParameters())
+            # A single link is scaled exactly, without the rounding errors of a sum and a difference.
+            alone = np.abs(whole - old).max() <= _ROUNDING * np.abs(whole).max()
+            total = parameters if alone else whole + parameters - old
+            changed.inertias[joint] = pin.Inertia.FromDynamicParameters(total)
+            # The record has to follow the sum, or the next change of a mass would start from the old one.
+            if keeper is not None:
+                keeper.inertia = keeper.placement.actInv(pin.Inertia.FromDynamicParameters(parameters))
+        check_model(changed)
         return robot
 
     # ------------------------------------------------------------------ geometry
@@ -452,39 +470,6 @@ def _built(
 
 LinkMass: TypeAlias = "float | pin.Inertia"
 _ROUNDING = 1e-12  # rounding error, relative to a body's mass
-
-
-def with_link_masses(model: pin.Model, masses: Mapping[str, LinkMass], robot: str) -> pin.Model:
-    """Return a copy of a model with other link masses.
-
-    Args:
-        model: not changed.
-        masses: link to mass [kg], or to its inertia in the link frame.
-        robot: name, for messages.
-
-    Raises:
-        ModelError: unknown link, a link without a mass to scale, or a mass that is not positive.
-    """
-    changed = model.copy()
-    links = {frame.name: k for k, frame in enumerate(model.frames) if frame.type == pin.FrameType.BODY}
-    for name, mass in masses.items():
-        if name not in links:
-            raise ModelError(f"no link '{name}' in robot '{robot}'{nearest(str(name), links)}")
-        frame = changed.frames[links[name]]
-        # From the changed model: several links can be parts of one body.
-        keeper, joint = _keeper(changed, links[name]), frame.parentJoint
-        own = _moved_link(changed, joint) if keeper is None else keeper.placement.act(keeper.inertia)
-        old = np.array(own.toDynamicParameters())
-        new = _new(name, mass, old, robot)
-        parameters = frame.placement.act(new).toDynamicParameters() if isinstance(new, pin.Inertia) else new
-        whole = np.array(changed.inertias[joint].toDynamicParameters())
-        # A single link is scaled exactly, without the rounding errors of a sum and a difference.
-        alone = np.abs(whole - old).max() <= _ROUNDING * np.abs(whole).max()
-        changed.inertias[joint] = pin.Inertia.FromDynamicParameters(parameters if alone else whole + parameters - old)
-        # The record has to follow the sum, or the next change of a mass would start from the old one.
-        if keeper is not None:
-            keeper.inertia = keeper.placement.actInv(pin.Inertia.FromDynamicParameters(parameters))
-    return changed
 
 
 def _keeper(model: pin.Model, index: int) -> pin.Frame | None:

@@ -316,16 +316,12 @@ def _read_text(path: Path, mapping: LogMapping, places: Sequence[Place]) -> list
         with open_regular(path) as binary, io.TextIOWrapper(binary, encoding="utf-8-sig") as file:
             # Lazily: a table may be larger than the memory that its numbers need.
             lines = (line for line in file if line.strip() and not line.lstrip().startswith(mapping.comment))
-            names = _split(next(lines, ""), separator) if header else []
+            names = [part.strip(' \t\r\n"') for part in next(lines, "").split(separator)] if header else []
             return _numbers(path, lines, separator, mapping.comment, [_number(path, place, names) for place in places])
     except UnicodeDecodeError as error:
         raise ConfigurationError(f"{path}: not a text file: {error.reason} at byte {error.start}") from None
     except OSError as error:
         raise ConfigurationError(f"{path}: {error.strerror or 'cannot be read'}") from None
-
-
-def _split(line: str, separator: str | None) -> list[str]:
-    return [part.strip().strip('"').strip() for part in line.split(separator)]
 
 
 def _number(path: Path, place: Place, names: Sequence[str]) -> int:

@@ -65,11 +65,13 @@ def read_document(path: Path) -> PlacedElement:
 # ---------------------------------------------------------------------- macros
 
 
-_PARAMETER_NAME = re.compile(r"\s*([^\s:=]+)\s*:?=\s*(\^\|?)?")
-_DEFAULT_VALUE = (  # an expression, a substitution, or quoted and plain parts up to the next space
-    re.compile(r"\$\{[^}]*\}(?=\s|$)"),
-    re.compile(r"\$\([^)]*\)(?=\s|$)"),
-    re.compile(r"(?:'[^'\n]*+'|\"[^\"\n]*+\"|[^\s'\"]++)*+(?=\s|$)"),
+_PARAMETER = re.compile(
+    r"\s*+(?:"
+    r"(?P<name>[^\s:=]++)\s*+:?+=\s*+(?P<forwarded>\^\|?+)?+"
+    # The default is an expression, a substitution, or quoted and plain parts up to the next space.
+    r"(?P<default>\$\{[^}]*\}|\$\([^)]*\)|(?:'[^'\n]*+'|\"[^\"\n]*+\"|[^\s'\"]++)*+)(?=\s|$)"
+    # A word without a default that can be read is a name as a whole.
+    r"|(?P<word>\S+))"
 )
 
 
@@ -102,21 +104,8 @@ def parameters_of(text: str) -> Iterator[Parameter]:
     Args:
         text: attribute ``params`` of its element.
     """
-    place = 0
-    while place < len(text) and text[place:].strip():
-        named = _PARAMETER_NAME.match(text, place)
-        default = None
-        if named:
-            default = next(filter(None, (each.match(text, named.end()) for each in _DEFAULT_VALUE)), None)
-        if named and default:
-            yield Parameter(named[1], default[0] or None, named[2] is not None)
-            place = default.end()
-        else:
-            # A word without a default that can be read is a name as a whole.
-            word = re.compile(r"\s*(\S+)").match(text, place)
-            assert word is not None, "there is more than space"
-            yield Parameter(word[1])
-            place = word.end()
+    for found in _PARAMETER.finditer(text):
+        yield Parameter(found["word"] or found["name"], found["default"] or None, found["forwarded"] is not None)
 
 
 # ---------------------------------------------------------------------- scopes
