@@ -210,8 +210,7 @@ class RollingMotion:
         size = len(self._unknown_columns)
         slip = np.matvec(A[:, :, :3], joined(half, turn)) + np.matvec(A[:, :, size:], moved)
         others = A[:, :, 3:size]
-        if others.shape[2]:
-            slip = slip - np.matvec(others, np.matvec(np.linalg.pinv(others), np.nan_to_num(slip)))
+        slip = slip - np.matvec(others, np.matvec(np.linalg.pinv(others), np.nan_to_num(slip)))
         return (self.time[1:] + self.time[:-1]) / 2, slip
 
     def _steps(self, p: np.ndarray) -> tuple[np.ndarray, dict[int, np.ndarray]]:

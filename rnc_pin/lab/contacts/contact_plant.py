@@ -349,11 +349,9 @@ class ContactPlant:
             self._go_on(self._flight, q, v)
             self._settle(stay, stay)
             return []
-        if sliding is self._plant:
-            sliding.jump(v)
-        else:
+        if sliding is not self._plant:
             self._go_on(sliding, q, v)
-        return sliding.touch(stay)
+        return sliding.touch(stay, v)
 
     def _record(
         self, cause: str, numbers: Collection[int] = (), impulses: Mapping[str, float] | None = None, loss: float = 0.0

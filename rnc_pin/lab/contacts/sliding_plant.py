@@ -68,8 +68,8 @@ class SlidingPlant:
         self._model: pin.Model = reduced.robot.model
         self.errors = IntegrationErrors.initial(self._substeps)
         self.applied, self.touching = np.zeros(reduced.p), frozenset[int]()
-        self._size, self.longest = 0.0, np.inf
-        self._steps, self._sum, self._sample = 0, np.zeros(2 * reduced.n), 0.0
+        self._sample = 0.0
+        self.restart(0.0)
         self._now: _Solved
         self._present: _Solved
 
@@ -96,27 +96,20 @@ class SlidingPlant:
         self._now = self._present = _Solved(q, v, 0.0, None, {}, frozenset(), none, none)
         self.applied = np.zeros(self.reduced.p)
 
-    def jump(self, v: np.ndarray) -> None:
-        """Go on with another velocity (nv,).
-
-        Args:
-            v: velocity (nv,), e.g. after an impact.
-        """
-        self._now = self._present = self._now._replace(v=v)
-
-    def touch(self, touching: frozenset[int]) -> list[Change]:
+    def touch(self, touching: frozenset[int], v: np.ndarray) -> list[Change]:
         """Let contacts touch, and return the contacts that slide.
 
         Args:
             touching: numbers of the contacts.
+            v: velocity (nv,), e.g. after an impact.
         """
-        self.touching = touching
+        self.touching, self._present = touching, self._now._replace(v=v)
         state = self.state
         layout = self._rows.layout(touching)
         rows, ground = self._rows.at(state, layout)
         slip = rows @ state.v - ground
         # Forces of other rows are no guess for those of these.
-        self._now = self._present = self._now._replace(slip=slip, rates=np.zeros(0))
+        self._now = self._present = self._present._replace(slip=slip, rates=np.zeros(0))
         return self._note(self._slides(layout, slip))
 
     @property

@@ -16,7 +16,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ModelError, few, nearest, warn
+from rnc_pin.errors import ModelError, few, place_of, warn
 from rnc_pin.robots import robot_files
 from rnc_pin.robots.sources import description
 
@@ -219,8 +219,7 @@ def give_masses(root: ElementTree.Element, masses: Mapping[str, float], path: Pa
     """
     links = {str(link.get("name")): link for link in root.findall("link")}
     for name, mass in masses.items():
-        if name not in links:
-            raise ModelError(f"{path}: masses: no link '{name}'{nearest(str(name), links)}")
+        place_of(str(name), links, f"{path}: masses: no link", ModelError)
         if isinstance(mass, bool) or not isinstance(mass, int | float) or not 0 < mass < np.inf:
             raise ModelError(f"{path}: mass of link '{name}' has to be positive [kg], found {mass!r}")
         link = links[name]
