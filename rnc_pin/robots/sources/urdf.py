@@ -144,16 +144,13 @@ def _snap(root: ElementTree.Element) -> list[str]:
     it.
     """
     roundings = Roundings()
-    for owner, path, key, exact, where in (
-        ("link", "inertial/origin", "rpy", roundings.angles_of, "inertia of link"),
-        ("joint", "origin", "rpy", roundings.angles_of, "joint"),
-        ("joint", "axis", "xyz", roundings.direction, "joint"),
-    ):
+    places = ("link", "inertial/origin", "rpy"), ("joint", "origin", "rpy"), ("joint", "axis", "xyz")
+    for owner, path, key in places:
         for each in root.findall(owner):
             element = each.find(path)
             # Words that are no numbers are left to urdfdom, which refuses them with their line.
             if element is not None and description.read_numbers(element.get(key), 3) is not None:
-                element.set(key, exact(element.get(key, ""), f"{where} '{each.get('name')}'"))
+                roundings.make_exact(element, key, f"{owner} '{each.get('name')}'")
     return roundings.notes()
 
 

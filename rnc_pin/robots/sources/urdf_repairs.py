@@ -120,25 +120,20 @@ class Roundings:
     largest: float = 0.0
     where: str = ""
 
-    def angles_of(self, text: str, where: str) -> str:
-        """Return several exact angles [rad] as text, separated by blanks.
+    def make_exact(self, element: ElementTree.Element, key: str, where: str) -> None:
+        """Replace rounded numbers of an attribute by exact ones.
 
         Args:
-            text: angles as written.
-            where: element that they belong to, in words.
+            element: element with the attribute, changed in place.
+            key: angles [rad], ``rpy`` or ``euler``; others are a direction or a unit quaternion.
+            where: joint or body that it belongs to, in words.
         """
-        words = text.split()
-        return " ".join(self._written([each], [snapped_angle(each)], where, is_axis=False)[0] for each in words)
-
-    def direction(self, text: str, where: str) -> str:
-        """Return an exact direction or unit quaternion as text, separated by blanks.
-
-        Args:
-            text: components as written.
-            where: element that they belong to, in words.
-        """
-        words = text.split()
-        return " ".join(self._written(words, snapped_direction(words), where, is_axis=True))
+        words = element.attrib[key].split()
+        if key in ("rpy", "euler"):
+            words = [self._written([each], [snapped_angle(each)], where, is_axis=False)[0] for each in words]
+        else:
+            words = self._written(words, snapped_direction(words), where, is_axis=True)
+        element.set(key, " ".join(words))
 
     def _written(self, texts: Sequence[str], exact: Sequence[float], where: str, *, is_axis: bool) -> list[str]:
         given = [float(text) for text in texts]
@@ -173,13 +168,11 @@ def snap_mjcf(root: ElementTree.Element) -> list[str]:
     roundings = Roundings()
     # MuJoCo reads degrees by default, for which 90 is exact.
     units = [each.attrib["angle"] for each in root.findall("compiler") if "angle" in each.attrib]
-    exact = {"joint": {"axis": roundings.direction}, "body": {"quat": roundings.direction}}
-    if units[-1:] == ["radian"]:
-        exact["body"]["euler"] = roundings.angles_of
+    keys = {"joint": ("axis",), "body": ("quat", "euler") if units[-1:] == ["radian"] else ("quat",)}
     for element in root.iter():
-        for key, make in exact.get(element.tag, {}).items():
+        for key in keys.get(element.tag, ()):
             if key in element.attrib:
-                element.set(key, make(element.attrib[key], f"{element.tag} '{element.get('name', '')}'"))
+                roundings.make_exact(element, key, f"{element.tag} '{element.get('name', '')}'")
     return roundings.notes()
 
 
