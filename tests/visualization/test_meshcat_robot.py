@@ -195,7 +195,7 @@ def test_a_robot_without_its_meshes_runs(tmp_path, monkeypatch, capfd):
     path.write_text(chain(base=INERTIAL + far, arm=INERTIAL + far, hand=INERTIAL + mesh("wedge.stl")))
     scenario = tmp_path / "arm.yaml"
     called(monkeypatch, capfd, "init", path, "--out", scenario)
-    monkeypatch.setattr(execution, "_write_plot", lambda *_: False)
+    monkeypatch.setattr(execution, "_figure", lambda *_: None)
     status, _, err = called(monkeypatch, capfd, "run", scenario, *SHORT, "--out", tmp_path / "out")
     assert status == 0
     (line,) = [line for line in err.splitlines() if "warning" in line]

@@ -26,13 +26,14 @@ from rnc_pin.errors import ConfigurationError, ModelError, RncError, few, warn
 from rnc_pin.verdict import Finding, FindingKind
 
 
-@dataclass(frozen=True)
 class BaseEvidence:
-    """Evidence for the kind of a base.
+    """Evidence for the kind of a base: the robot of a file at its start values, and what it stands on.
+
+    Args:
+        source: the file, with the user's choices.
 
     Attributes:
         at_start: the robot.
-        source: its file, with the user's choices.
         search: its wheels, and what is drawn as a wheel.
         layout: wheels on which it stands, by their function.
         axles: axles that are only drawn, if no wheel has a joint.
@@ -41,14 +42,35 @@ class BaseEvidence:
         rollers: decision whether the wheels have rollers; None if the question does not arise.
     """
 
-    at_start: RobotAtStart
-    source: Source
-    search: WheelSearch
-    layout: WheelLayout
-    axles: list[Wheel]
-    drawn: WheelLayout
-    balance: DraftDecision | None
-    rollers: DraftDecision | None
+    def __init__(self, source: Source) -> None:
+        robot, is_rigid = source.load_for_detection()
+        source.remember_packages(robot)
+        drives, options, names = source.drive_evidence(robot), source.options, source.names()
+        at_start = RobotAtStart(robot, start_values(robot), names, drives, not source.is_mjcf, is_rigid)
+        search = WheelSearch(at_start)
+        wheels, axles, shapes = list[Wheel](), list[Wheel](), list[Wheel]()
+        if options.base in (None, "planar"):  # bolted down or afloat, wheels do not carry it
+            wheels = search.standing
+            source.hold(search.virtual, "virtual wheels move no shape and nearly no mass")
+            if other_bases.is_called_afloat(at_start) and not search.stands_below_body:  # propellers
+                wheels = []
+            # What moves over the ground without rolling may be drawn with wheels: they would hold it.
+            if wheels or not (other_bases.moves_over_ground(at_start) or at_start.own_planar_joints):
+                axles = [] if wheels else search.drawn_axles
+                shapes = search.drawn_wheels(wheels or axles)
+        layout, least = WheelLayout(), 3  # drawn wheels on which a robot without other wheels stands
+        if wheels or (len(shapes) >= least and not axles):
+            standing = [*wheels, *shapes]
+            called = omnidirectional.wheels_called_omni(standing, at_start) if options.rollers is None else []
+            sliding = called if len(called) < len(standing) else []  # if all are called so, they are omni wheels
+            layout = classify_wheels(standing, drives, search.raised if wheels else (), sliding)
+            if layout.steered and not (layout.fixed or layout.is_swerve or layout.is_turret):
+                # Drawn axles guide a base whose wheels only steer.
+                layout.fixed += (axle for axle in search.drawn_axles if axle.joint == at_start.root_joint)
+        self.source, self.at_start, self.search, self.layout, self.axles = source, at_start, search, layout, axles
+        self.drawn = classify_wheels(shapes, drives)
+        self.balance = other_bases.balance_decision(layout, at_start, options.balance) if options.base is None else None
+        self.rollers = omnidirectional.rollers_decision(layout, at_start, options.rollers)
 
     def complete(self, mobility: BaseAssumptions) -> None:
         """Add the decisions on its wheels, the doubts about crossed axes, and locks of joints that nothing drives.
@@ -180,7 +202,7 @@ def _tried(name: str, folder: Path, choices: DraftOptions, decided: Iterable[Dra
     best: _Draft | None = None
     with collected_model_warnings(show=False) as heard:
         source = Source(name, folder, choices)
-        evidence = _evidence(source)
+        evidence = BaseEvidence(source)
     for kind in evidence.likely_bases():
         mobility: BaseAssumptions | None = None
         try:
@@ -190,19 +212,18 @@ def _tried(name: str, folder: Path, choices: DraftOptions, decided: Iterable[Dra
                 attempt = ScenarioCandidate(mobility, source, evidence.at_start)
                 mobility.notes += [*source.remarks, *failures]
                 mobility.decisions += decided
-                scenario = DraftedScenario(attempt.written(), tuple(mobility.decisions))
+                text, trial = attempt.written()
         except RncError as error:
             first = first or error
             # Kinds of bases often fail for one reason, such as a joint without mass.
             if not any(str(error) in each for each in failures):
                 failures.append(f"not '{mobility.kind}', which does not run: {error}" if mobility else str(error))
             continue
-        verdict = attempt.trial.verdict
-        if best is None or attempt.trial.rank < best.trial.rank:
-            best = _Draft(scenario, attempt.trial, said)
-        if verdict.succeeded:
+        if best is None or trial.rank < best.trial.rank:
+            best = _Draft(DraftedScenario(text, tuple(mobility.decisions)), trial, said)
+        if trial.verdict.succeeded:
             break
-        failures.append(f"not '{mobility.kind}': {verdict.first}")
+        failures.append(f"not '{mobility.kind}': {trial.verdict.first}")
     called = evidence.at_start.robot.name or source.name
     if best is not None:
         doubts = "; ".join(best.trial.doubts)
@@ -212,34 +233,3 @@ def _tried(name: str, folder: Path, choices: DraftOptions, decided: Iterable[Dra
         raise first  # the file cannot have the base that the user asked for
     hint = "lock joints with --lock JOINT, or choose the base with --base"
     raise ConfigurationError(f"no scenario can be drafted for '{called}': {failures[0]}; {hint}")
-
-
-def _evidence(source: Source) -> BaseEvidence:
-    """Return the robot of a file at its start values, and what it stands on."""
-    robot, is_rigid = source.load_for_detection()
-    source.remember_packages(robot)
-    drives, options = source.drive_evidence(robot), source.options
-    at_start = RobotAtStart(robot, start_values(robot), source.names(), drives, not source.is_mjcf, is_rigid)
-    search = WheelSearch(at_start)
-    wheels, axles, shapes = list[Wheel](), list[Wheel](), list[Wheel]()
-    if options.base in (None, "planar"):  # bolted down or afloat, wheels do not carry it
-        wheels = search.standing
-        source.hold(search.virtual, "virtual wheels move no shape and nearly no mass")
-        if other_bases.is_called_afloat(at_start) and not search.stands_below_body:  # propellers
-            wheels = []
-        # What moves over the ground without rolling may be drawn with wheels: they would hold it.
-        if wheels or not (other_bases.moves_over_ground(at_start) or at_start.own_planar_joints):
-            axles = [] if wheels else search.drawn_axles
-            shapes = search.drawn_wheels(wheels or axles)
-    layout, least = WheelLayout(), 3  # drawn wheels on which a robot without other wheels stands
-    if wheels or (len(shapes) >= least and not axles):
-        standing = [*wheels, *shapes]
-        called = omnidirectional.wheels_called_omni(standing, at_start) if options.rollers is None else []
-        sliding = called if len(called) < len(standing) else []  # if all are called so, they are omni wheels
-        layout = classify_wheels(standing, drives, search.raised if wheels else (), sliding)
-        if layout.steered and not (layout.fixed or layout.is_swerve or layout.is_turret):
-            # Drawn axles guide a base whose wheels only steer.
-            layout.fixed += (axle for axle in search.drawn_axles if axle.joint == at_start.root_joint)
-    balance = other_bases.balance_decision(layout, at_start, options.balance) if options.base is None else None
-    rollers = omnidirectional.rollers_decision(layout, at_start, options.rollers)
-    return BaseEvidence(at_start, source, search, layout, axles, classify_wheels(shapes, drives), balance, rollers)

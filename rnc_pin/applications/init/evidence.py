@@ -6,7 +6,6 @@ import itertools
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from xml.etree import ElementTree
 
 import numpy as np
@@ -99,19 +98,14 @@ def has_word(pattern: str, *names: str) -> bool:
         pattern: regular expression of a whole word.
         *names: names of links, joints or files.
     """
-    whole = _whole(pattern)
+    whole = re.compile(f"(?:{pattern})s?")
     for name in names:
         words = words_of(name)
         # "king_pin", "kingPin" and "king-pin" are one word for a person.
-        pairs = (f"{one}_{other}" for one, other in itertools.pairwise(words))
+        pairs = map("_".join, itertools.pairwise(words))
         if any(whole.fullmatch(each) for each in (*words, *pairs)):
             return True
     return False
-
-
-@cache
-def _whole(pattern: str) -> re.Pattern[str]:
-    return re.compile(f"(?:{pattern})s?")
 
 
 def body_frame(robot: Robot, joint: int) -> str:

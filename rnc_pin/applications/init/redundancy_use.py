@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 
 from rnc_pin.analysis import Exploration, Use, default_candidates, explore, short_names, tip_positions
+from rnc_pin.applications.init.evidence import joint_limits
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import ConfigurationError, RncError, SingularityError, place_of
 from rnc_pin.io import Json, to_json_mapping
@@ -68,12 +69,9 @@ class FoundUse:
         joints = {each.joint: robot.single_joint(each.joint) for each in kinds if isinstance(each, JointPosition)}
         region: dict[str, tuple[float, float]] = {}
         for name, joint in joints.items():
-            ends = joint.position(scenario.q0) + np.array([-_NEAR, _NEAR])
-            if not joint.continuous:
-                limits = robot.model.lowerPositionLimit, robot.model.upperPositionLimit
-                low, high = (each[joint.idx_q] for each in limits)
-                margin = min(_BEND, 0.1 * (high - low))  # the motion itself needs room to each limit
-                ends = np.clip(ends, low + margin, high - margin)
+            low, high = joint_limits(robot, name)
+            margin = min(_BEND, 0.1 * (high - low))  # the motion itself needs room to each limit
+            ends = np.clip(joint.position(scenario.q0) + np.array([-_NEAR, _NEAR]), low + margin, high - margin)
             region[name] = float(ends[0]), float(ends[1])
         primary, vertical = self.kinds(self.exploration.primary), self.kinds(self.use.moved)
         # Fewer samples: the class is known, and only the best posture near the start is asked for.

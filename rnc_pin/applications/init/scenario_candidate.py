@@ -69,8 +69,6 @@ class ScenarioCandidate:
         assumptions.conserve_momentum_of_free_joints(mobility, self.robot)
         mobility.constraints += start_values.loop_closures(self.robot)
         self._hold_loose_joints()
-        self.trial = Trial(0.0)
-        """Trial run of the returned text."""
         self._motions: dict[str, float] = {}
         self.start, moved = start_values.with_regular_inertia(self.robot, self.start)
         mobility.notes += moved
@@ -98,8 +96,8 @@ class ScenarioCandidate:
             q[3:7] = (pin.Quaternion(pitched) * pin.Quaternion(q[3:7])).coeffs()
         return self.system.assembled(q)
 
-    def written(self) -> str:
-        """Return the text of the scenario, tested by a run, with the controller that has the smallest tracking error.
+    def written(self) -> tuple[str, Trial]:
+        """Return the text of the scenario with the controller that has the smallest tracking error, and its trial run.
 
         Raises:
             RncError: no controller completes the run.
@@ -110,7 +108,7 @@ class ScenarioCandidate:
         loaded = "gravity loads the robot, and it learns this load slowly"
         is_slow = not mobility.weightless and self.start and start_values.is_loaded(self.robot, self.q0, self.start)
         failures = [loaded] if is_slow else []
-        best: tuple[Trial, str] | None = None
+        best: tuple[str, Trial] | None = None
         for controller, dt, remark in self._controllers(is_loaded=bool(failures)):
             # A second period serves controllers that fail with the first. Of an adaptive one that runs, learning is the
             # error, and not sampling.
@@ -125,17 +123,16 @@ class ScenarioCandidate:
             except RncError as error:  # in a draft, a failure is evidence: the remark on the next controller has it
                 failures.append(str(error))
                 continue
-            if best is None or trial.relative_error < best[0].relative_error:
+            if best is None or trial.relative_error < best[1].relative_error:
                 trial = replace(trial, findings=(*findings, *trial.findings))
                 raw, said = self._scenario(chosen, settings), remark.format(*failures[:1])
-                best = trial, write_draft(self.robot.name, raw, said, trial, mobility)
+                best = write_draft(self.robot.name, raw, said, trial, mobility), trial
             if trial.relative_error < FAR:
                 break
             failures.append(f"its run {trial.failure_text}")
         if best is None:
             raise ConfigurationError(failures[-1])
-        self.trial, written = best
-        return written
+        return best
 
     def _controllers(self, is_loaded: bool) -> list[tuple[Mapping[str, Json], float, str]]:
         """Settings, period [s] and remark of each candidate controller, the preferred one first."""

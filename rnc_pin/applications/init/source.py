@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 import shlex
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -226,7 +226,14 @@ class Source:
     def _lock_motionless(self) -> None:
         if self._urdf is None:
             return
-        still = {name: (low + high) / 2 for name, low, high in _stated_limits(self._urdf) if 0 <= high - low < PLACED}
+        still: dict[str, float] = {}
+        for joint in self._urdf.findall("joint"):
+            limit = joint.find("limit")
+            if limit is None or joint.get("type") not in ("revolute", "prismatic") or joint.find("mimic") is not None:
+                continue
+            low, high = (read_number(limit.get(key)) for key in ("lower", "upper"))
+            if low is not None and high is not None and 0 <= high - low < PLACED:
+                still[str(joint.get("name"))] = (low + high) / 2
         movable = sum(joint.get("type") != "fixed" for joint in self._urdf.findall("joint"))
         # Equal limits everywhere are an exporter's zeros. On some joints only, they are meant.
         if still and len(still) == movable:
@@ -280,17 +287,6 @@ class Source:
         before = len(self.held)
         self.hold(idle, "they move no mass")
         return len(self.held) > before
-
-
-def _stated_limits(robot: ElementTree.Element) -> Iterator[tuple[str, float, float]]:
-    """Yield name, lower and upper limit of each joint that has both, without mimic joints."""
-    for joint in robot.findall("joint"):
-        limit = joint.find("limit")
-        if limit is None or joint.get("type") not in ("revolute", "prismatic") or joint.find("mimic") is not None:
-            continue
-        low, high = (read_number(limit.get(key)) for key in ("lower", "upper"))
-        if low is not None and high is not None:
-            yield str(joint.get("name")), low, high
 
 
 def _weightless_base(robot: Robot) -> str | None:

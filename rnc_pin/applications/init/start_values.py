@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -87,31 +86,26 @@ def keep_within_loops(
             continue
         # Most robots have no loop: the model is reduced for the first one.
         reduced = reduced or system.reduce(chosen.kinds)
-        step, found = usual, _reach(reduced, q, row, usual)
-        if found.end:
-            # Beside a dead centre on one side, there is often room on the other.
-            other = _reach(reduced, q, row, -usual)
-            step, found = (-usual, other) if other.share > found.share else (usual, found)
-        chosen.steps[row] = round(step * (of_reach * found.share if found.end else 1.0), 4)
-        if found.end:
-            notes.append(f"{name} moves by {chosen.steps[row]:g} only: its loop ends {found.end}")
+        step, (share, end) = usual, _reach(reduced, q, row, usual)
+        if not end:
+            chosen.steps[row] = round(usual, 4)
+            continue
+        # Beside a dead centre on one side, there is often room on the other.
+        other, other_end = _reach(reduced, q, row, -usual)
+        if other > share:
+            step, share, end = -usual, other, other_end
+        chosen.steps[row] = round(step * (of_reach * share if end else 1.0), 4)
+        if end:
+            notes.append(f"{name} moves by {chosen.steps[row]:g} only: its loop ends {end}")
     return notes
 
 
-class _Reach(NamedTuple):
-    """Reach of an output that moves alone.
+def _reach(reduced: ReducedModel, q: np.ndarray, row: int, step: float) -> tuple[float, str]:
+    """Follow an output that makes a step alone, while the loops stay closed, to its end or to the end of the loop.
 
-    Attributes:
-        share: share of the step that it makes.
-        end: what ends it: "at a limit of ...", "at a dead centre", or nothing.
+    Returns:
+        Share of the step that it makes, and what ends it: "at a limit of ...", "at a dead centre", or nothing.
     """
-
-    share: float
-    end: str = ""
-
-
-def _reach(reduced: ReducedModel, q: np.ndarray, row: int, step: float) -> _Reach:
-    """Follow an output that makes a step alone, while the loops stay closed, to its end or to the end of the loop."""
     robot, rate = reduced.robot, step * np.eye(reduced.r)[row] / _STEPS
     joints = [name for name in robot.joint_names if np.isfinite(np.diff(joint_limits(robot, name))).all()]
     limits = [(name, robot.model.joints[robot.joint_id(name)].idx_q, joint_limits(robot, name)) for name in joints]
@@ -129,15 +123,15 @@ def _reach(reduced: ReducedModel, q: np.ndarray, row: int, step: float) -> _Reac
             # A step along a velocity leaves the loop by an error of second order: the assembly closes it again.
             q = reduced.assembled(ahead)
         except RncError:
-            return _Reach(share, "at a dead centre")
+            return share, "at a dead centre"
         fastest = float(np.abs(v).max())
         slowest = min(slowest, fastest)
         if fastest > faster * slowest or np.abs(pin.difference(robot.model, ahead, q)).max() > beside * fastest:
-            return _Reach(share, "at a dead centre")
+            return share, "at a dead centre"
         for name, place, (low, high) in limits:
             if not low <= q[place] <= high:
-                return _Reach(share, f"at a limit of {name}")
-    return _Reach(1.0)
+                return share, f"at a limit of {name}"
+    return 1.0, ""
 
 
 _Values = dict[str, float]

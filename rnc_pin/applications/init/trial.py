@@ -253,8 +253,7 @@ def write_draft(name: str, scenario: Mapping[str, Any], remark: str, trial: Tria
         *(line for each in mobility.decisions for line in _remark(f"{labels[each.is_open]}: {each}.")),
         *(line for note in mobility.notes for line in _remark(f"Assumed: {note}.")),
         f"title: {one_line_yaml(f'First draft for {name}')}",
-        *_remark(f"base {mobility.base or 'as in the file'}: {mobility.kind}"),
-        f"robot: {one_line_yaml(scenario['robot'])}",
+        *_section(scenario, "robot", f"base {mobility.base or 'as in the file'}: {mobility.kind}"),
         *_entries("constraints", mobility.constraints, _of_rows(mobility.constraints)),
         *_entries("actuators", mobility.actuators, "# joint torques and forces"),
         "outputs:",
@@ -266,22 +265,20 @@ def write_draft(name: str, scenario: Mapping[str, Any], remark: str, trial: Tria
             *_remark("these follow from the reducing outputs, and are monitored", "  "),
             *_entries("vertical", [(each, "") for each in mobility.vertical], "", "  "),
         ]
-    lines.append(f"task: {one_line_yaml(scenario['task'])}")
+    lines += _section(scenario, "task")
     if any(initial.values()):
         loops = any("loop_closure" in entry for entry, _ in mobility.constraints)
         usual = "at zero, or in the middle of limits that do not contain zero" + "; loops start closed" * loops
-        lines += [*_remark(f"joints start {usual}"), f"initial: {one_line_yaml(initial)}"]
+        lines += _section(scenario, "initial", f"joints start {usual}")
     if "reference" in scenario:
         words = "displacements in the order of task.primary: m along the ground or a slide, rad for angles"
-        lines += [*_remark(f"a slow motion, {words}"), f"reference: {one_line_yaml(scenario['reference'])}"]
-    lines += [
-        *_remark(remark),
-        f"controller: {one_line_yaml(scenario['controller'])}",
-        *_remark(trial.words),
-        f"simulation: {one_line_yaml(scenario['simulation'])}",
-        f"view: {one_line_yaml(scenario['view'])}",
-    ]
-    return "\n".join(lines) + "\n"
+        lines += _section(scenario, "reference", f"a slow motion, {words}")
+    lines += _section(scenario, "controller", remark) + _section(scenario, "simulation", trial.words)
+    return "\n".join([*lines, *_section(scenario, "view")]) + "\n"
+
+
+def _section(scenario: Mapping[str, Any], key: str, remark: str = "") -> list[str]:
+    return [*_remark(remark), f"{key}: {one_line_yaml(scenario[key])}"]
 
 
 def _of_rows(constraints: list[tuple[Entry, str]]) -> str:

@@ -205,9 +205,8 @@ def _initial(scenario: ScenarioFile, reduced: ReducedModel) -> np.ndarray:
 
 def _check_plots(scenario: ScenarioFile, reduced: ReducedModel) -> None:
     """Raise an error if a plot names no output of the model, and no quantity."""
-    valid = (*reduced.reducing.names, *reduced.vertical.names, *PLOTTED_QUANTITIES)
     for plot, settings in scenario.plots.items():
-        check_output_names(f"plots.{plot}.outputs", settings.outputs, valid)
+        check_output_names(f"plots.{plot}.outputs", settings.outputs, reduced, PLOTTED_QUANTITIES)
 
 
 # ---------------------------------------------------------------------- plants
@@ -244,19 +243,15 @@ def collected_model_warnings(show: bool) -> Iterator[list[str]]:
         show: True to show those of models afterwards too.
     """
     texts: list[str] = []
-    told: list[warnings.WarningMessage] = []
-    try:
-        with warnings.catch_warnings(record=True) as found:
-            warnings.simplefilter("always", ModelWarning)
-            yield texts
-            told = found
-    finally:  # after the block that records them: inside it, they would be recorded again
-        for each in told:
-            of_model = issubclass(each.category, ModelWarning)
-            if of_model and str(each.message) not in texts:
-                texts.append(str(each.message))
-            if show or not of_model:
-                warnings.warn_explicit(each.message, each.category, each.filename, each.lineno)
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always", ModelWarning)
+        yield texts
+    for each in found:  # after the block that records them: inside it, they would be recorded again
+        of_model = issubclass(each.category, ModelWarning)
+        if of_model and str(each.message) not in texts:
+            texts.append(str(each.message))
+        if show or not of_model:
+            warnings.warn_explicit(each.message, each.category, each.filename, each.lineno)
 
 
 def build_plant(scenario: ScenarioFile, reduced: ReducedModel, q0: np.ndarray) -> plants.Plant:

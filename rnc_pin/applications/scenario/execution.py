@@ -231,7 +231,11 @@ def _drawn(scenario: Scenario, result: Result, path: Path) -> bool | str:
         # Not interruptible: C libraries turn Ctrl-C during imports into their own errors.
         import_module(f"rnc_pin.visualization.{'recording' if is_page else 'plots'}")
         with interruptible(), np.errstate(over="ignore", invalid="ignore"):  # values of diverged runs overflow
-            return (write_animation if is_page else _write_plot)(scenario, result, path)
+            if is_page:
+                write_animation(scenario, result, path)
+            elif (figure := _figure(scenario, result, path.stem)) is not None:
+                figures.save(figure, path)
+            return is_page or figure is not None
     except KeyboardInterrupt:
         path.unlink(missing_ok=True)  # it is half a picture
         raise
@@ -241,7 +245,7 @@ def _drawn(scenario: Scenario, result: Result, path: Path) -> bool | str:
         return kind + (" ".join(str(error).split()) or "no reason given")
 
 
-def write_animation(scenario: Scenario, result: Result, path: Path) -> bool:
+def write_animation(scenario: Scenario, result: Result, path: Path) -> None:
     """Write the page of a run.
 
     Args:
@@ -256,16 +260,6 @@ def write_animation(scenario: Scenario, result: Result, path: Path) -> bool:
     view = replace(content.view, hide=[*content.view.hide, "compared"])  # users can switch this layer on
     drawn, title = scenario.experiment.drawn_model, content.title or scenario.name
     visualization.Recording(drawn, result.trajectory, view, title, result.comparisons).save(path)
-    return True
-
-
-def _write_plot(scenario: Scenario, result: Result, path: Path) -> bool:
-    """Write the plot that the file name means; False if there is nothing to draw."""
-    figure = _figure(scenario, result, path.stem)
-    if figure is None:
-        return False
-    figures.save(figure, path)
-    return True
 
 
 def _figure(scenario: Scenario, result: Result, name: str) -> Figure | None:

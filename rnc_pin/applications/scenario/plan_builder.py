@@ -189,7 +189,6 @@ def _plan(context: ControllerContext, settings: OptimalPlanner) -> optimal.Motio
 
 
 def _costs(context: ControllerContext, costs: CostSettings) -> Iterator[optimal.CostKind]:
-    reduced = context.reduced
     kinds = (
         (optimal.EffortCost, costs.effort),
         (optimal.VelocityCost, costs.velocity),
@@ -199,8 +198,7 @@ def _costs(context: ControllerContext, costs: CostSettings) -> Iterator[optimal.
     if costs.posture is not None:
         yield optimal.PostureCost(context.q0, costs.posture)
     for each in costs.outputs:
-        names = (*reduced.reducing.names, *reduced.vertical.names)
-        feedback.check_output_names("costs.outputs", each.outputs, names)
+        feedback.check_output_names("costs.outputs", each.outputs, context.reduced)
         yield each.build()
 
 

@@ -32,7 +32,7 @@ def served(request):
 
 def test_a_drive_is_a_normal_run(call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("rnc_pin.applications.scenario.execution._write_plot", lambda *_: False)
+    monkeypatch.setattr("rnc_pin.applications.scenario.execution._figure", lambda *_: None)
     status, out, said = call("drive", "mobile-manipulator", *QUICK, "--duration", 0.4, "--out", "one", "--json")
     assert status == 0, said
     assert "http://127.0.0.1:" in said

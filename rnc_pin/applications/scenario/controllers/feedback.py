@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Annotated, ClassVar, Literal, cast
@@ -48,10 +48,9 @@ def goal_of(given: Mapping[str, float], context: ControllerContext) -> dict[Outp
         ConfigurationError: a name is unknown.
     """
     reduced = context.reduced
-    names = (*reduced.reducing.names, *reduced.vertical.names)
-    check_output_names("goal", given, names)
+    check_output_names("goal", given, reduced)
     goal: dict[OutputTarget, ArrayLike] = {}
-    rest, rows = dict(given), iter(names)
+    rest, rows = dict(given), iter((*reduced.reducing.names, *reduced.vertical.names))
     # Rows of a rotation are no separate coordinates: three numbers of one output are one goal on SO(3).
     for output in context.scenario.listed_outputs:
         own = [next(rows) for _ in output.bind(reduced.robot).names]
@@ -77,7 +76,7 @@ def bounds_of(settings: MotionProblem, context: ControllerContext, accuracy: flo
     if bounds.velocity:
         yield optimal.VelocityBound(*_limits(bounds.velocity))
     if bounds.output:
-        check_output_names("bounds.output", bounds.output, (*reduced.reducing.names, *reduced.vertical.names))
+        check_output_names("bounds.output", bounds.output, reduced)
         yield optimal.OutputBound(list(bounds.output), *_limits(bounds.output))
     # Obstacles and links have bounds of their own: clearance is asked for, links only must not come nearer.
     if settings.clearance is not None and context.obstacles:
@@ -92,19 +91,20 @@ def bounds_of(settings: MotionProblem, context: ControllerContext, accuracy: flo
             yield optimal.DistanceBound(own, float(own.at(q0, within=accuracy).distance.min(initial=accuracy)))
 
 
-def check_output_names(key: str, given: Iterable[str], names: Sequence[str]) -> None:
+def check_output_names(key: str, given: Iterable[str], reduced: ReducedModel, others: Iterable[str] = ()) -> None:
     """Refuse names of outputs that a model does not have.
 
     Args:
         key: key of the file.
         given: names in the file.
-        names: names of the model.
+        reduced: the model.
+        others: further names that are valid.
 
     Raises:
         ConfigurationError: a name is unknown.
     """
     for name in given:
-        place_of(name, names, f"{key}: no output")
+        place_of(name, (*reduced.reducing.names, *reduced.vertical.names, *others), f"{key}: no output")
 
 
 def near_singular(what: str, reduced: ReducedModel, q: np.ndarray) -> tuple[str, ...]:
