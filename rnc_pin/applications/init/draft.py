@@ -85,7 +85,8 @@ class BaseEvidence:
             mobility.decide(f"Are {few(self.search.guessed)} wheels?", "yes", GUESSED, evidence, bolted, floats)
         for each in self.search.crossed:
             mobility.doubts.append((each, 0.0, f"the axis of joint {each} is across that of its drawn cylinder"))
-        if loose := self.at_start.loose:
+        loose = {each: q for each, q in self.at_start.free_joints.items() if each != self.at_start.root_joint}
+        if loose:
             mobility.lock.update(loose)
             mobility.notes.append(f"locked, because nothing drives them: {', '.join(loose)}")
 

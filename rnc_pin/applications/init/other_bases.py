@@ -301,9 +301,9 @@ def without_wheels(
         asked: "fixed", "planar" or "free" if the base is given, else None.
         because: reason for the given base.
     """
-    own = bool(at_start.root) and at_start.robot.model.joints[at_start.root].nv == 6 and not at_start.is_rigid
+    own = at_start.has_free_joint
     if asked is None:
-        base, floats, why, sure = _likely_motion(at_start, own, mass_of_base)
+        base, floats, why, sure = _likely_motion(at_start, mass_of_base)
     else:
         base, floats, why, sure = asked, asked == "free", because, SURE
     # Three ways to have no wheels: afloat, over the ground, or bolted down.
@@ -334,10 +334,9 @@ def without_wheels(
     return _doubting_wheels(result, at_start)
 
 
-def _likely_motion(
-    at_start: RobotAtStart, own: bool, mass_of_base: Callable[[], float]
-) -> tuple[str, bool, str, float]:
+def _likely_motion(at_start: RobotAtStart, mass_of_base: Callable[[], float]) -> tuple[str, bool, str, float]:
     """Likely base of a robot without wheels, whether it floats, the evidence, and the confidence."""
+    own = at_start.has_free_joint
     if over_ground := moves_over_ground(at_start):
         return "planar", False, over_ground, LIKELY
     why, sure = ("a free joint in the file", SURE) if own else _floats(at_start, mass_of_base)

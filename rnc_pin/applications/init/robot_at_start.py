@@ -102,13 +102,7 @@ class Shape:
         return bool(self.axis.any() and np.ptp(self.points @ self.axis) < 1.5 * self.radius)
 
 
-def joints_without_mesh(robot: Robot, kind: Kind) -> set[int]:
-    """Indices of the joints that carry links whose "visual" or "collision" geometry lacks a mesh.
-
-    Args:
-        robot: the robot.
-        kind: "visual" or "collision".
-    """
+def _joints_without_mesh(robot: Robot, kind: Kind) -> set[int]:
     try:
         links = robot.missing_meshes(kind)
     except ModelError:  # geometry that cannot be read at all
@@ -289,13 +283,18 @@ class RobotAtStart:
         A body behind the base that lacks a mesh has no shapes of that geometry: the rest, such as the hub of a wheel
         without its tyre, would give a wrong size.
         """
-        found: dict[str, list[Shape]] = {}
-        for kind in GEOMETRY:
-            lost = joints_without_mesh(self.robot, kind)
-            every = shapes(self.robot, kind, self.q)
-            # The base itself keeps what is left: its lowest point tells the ground, and nothing measures its radius.
-            found[kind] = [each for each in every if each.joint <= self.root or each.joint not in lost]
-        return found
+        # The base itself keeps what is left: its lowest point tells the ground, and nothing measures its radius.
+        return {
+            kind: [
+                each for each in shapes(self.robot, kind, self.q) if each.joint <= self.root or each.joint not in lost
+            ]
+            for kind, lost in self.without_mesh.items()
+        }
+
+    @cached_property
+    def without_mesh(self) -> dict[Kind, set[int]]:
+        """Indices of the joints that carry links whose "collision" or "visual" geometry lacks a mesh."""
+        return {kind: _joints_without_mesh(self.robot, kind) for kind in GEOMETRY}
 
     @property
     def drawn(self) -> list[Shape]:
@@ -354,22 +353,13 @@ class RobotAtStart:
         return str(self.robot.model.names[self.root])
 
     @property
-    def has_replaceable_free_joint(self) -> bool:
-        """True if a free joint of a URDF carries the base: a planar base can replace it if it is locked."""
-        return bool(self.is_urdf and self.root and self.robot.model.joints[self.root].nv == 6) and not self.is_rigid
-
-    @property
-    def own_joint(self) -> dict[str, list[float]]:
-        """Name and value of the joint that carries the base."""
-        return {self.root_joint: self._several_values[self.root_joint]}
-
-    @property
-    def loose(self) -> dict[str, list[float]]:
-        """Names and values of joints with several degrees of freedom, without the joint of the base."""
-        return {name: values for name, values in self._several_values.items() if name != self.root_joint}
+    def has_free_joint(self) -> bool:
+        """True if a free joint of the file carries the base."""
+        return bool(self.root) and self.robot.model.joints[self.root].nv == 6 and not self.is_rigid
 
     @cached_property
-    def _several_values(self) -> dict[str, list[float]]:
+    def free_joints(self) -> dict[str, list[float]]:
+        """Names and values of joints with several degrees of freedom."""
         values, joints = self.robot.joint_values(self.q), list(self.robot.model.joints)
         names = [name for name, joint in zip(self.robot.model.names, joints, strict=True) if joint.nv > 1]
         return {name: np.atleast_1d(values[name]).tolist() for name in names}

@@ -190,8 +190,8 @@ def run_findings(trial: Trial, trajectory: Trajectory, mobility: BaseAssumptions
     asked = mobility.travel * _share(trial.duration / DURATION, steady=bool(mobility.v2))
     if asked and trial.duration >= MEANINGFUL:
         # Errors of its outputs may be small while the base stands: wheels that spin follow their angles.
-        path = frame_poses(robot, mobility.frame, trajectory.q).planar[:, :2]
-        moved = float(np.linalg.norm(path - path[0], axis=1).max())
+        poses, _ = frame_poses(robot, mobility.frame, trajectory.q)
+        moved = float(np.linalg.norm((poses - poses[0])[:, :2], axis=1).max())
         enough = 0.5  # smallest share of the displacement that was asked for
         if not moved >= enough * asked:
             message = f"its base moves {moved:.2g} m in the trial, and should move {asked:.2g} m"

@@ -25,7 +25,6 @@ from rnc_pin.applications.init.robot_at_start import (
     Shape,
     across,
     fitted_disk,
-    joints_without_mesh,
     placed,
 )
 from rnc_pin.io import Json
@@ -176,7 +175,7 @@ class WheelSearch:
         self._at_start, self._model, self._data = at_start, at_start.robot.model, at_start.data
         candidates = list(self._candidates())
         # A file without its package of meshes: two bodies that turn on and on about one axle are probably wheels.
-        lost = set[int]().union(*(joints_without_mesh(at_start.robot, kind) for kind in GEOMETRY))
+        lost = set[int]().union(*at_start.without_mesh.values())
         unseen = [
             each
             for each in candidates
@@ -291,7 +290,7 @@ class WheelSearch:
         model = self._model
         shaped = {shape.joint for every in self._at_start.shapes.values() for shape in every}
         # A lost mesh is a shape, too: such a joint moves something that this computer does not have.
-        shaped = shaped.union(*(joints_without_mesh(self._at_start.robot, kind) for kind in GEOMETRY))
+        shaped = shaped.union(*self._at_start.without_mesh.values())
         masses = (float(model.inertias[model.getJointId(each.joint)].mass) for each in wheels)
         virtual = 0.01 * min(masses, default=0.0)  # largest mass of a virtual wheel, as a share of that of a wheel
         found = []

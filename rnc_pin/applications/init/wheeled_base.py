@@ -103,9 +103,9 @@ def planar(at_start: RobotAtStart, kind: str, wheels: list[Wheel]) -> BaseAssump
         result.passive |= set(at_start.own_planar_joints)
         said = "the file's own joints let the base move over the ground, its wheels drive it"
         result.notes.append(f"{said}: {', '.join(at_start.own_planar_joints)}")
-    elif at_start.has_replaceable_free_joint:
-        result.lock.update(at_start.own_joint)
-        result.notes.append(f"a planar base replaces the file's own {', '.join(at_start.own_joint)}")
+    elif at_start.is_urdf and at_start.has_free_joint:
+        result.lock[at_start.root_joint] = at_start.free_joints[at_start.root_joint]
+        result.notes.append(f"a planar base replaces the file's own {at_start.root_joint}")
     elif at_start.root and not at_start.is_rigid:
         result.base = "fixed" if at_start.is_urdf else "planar"
     # The median: one wheel whose radius was read wrongly does not move the ground.

@@ -15,7 +15,7 @@ import os.path
 import re
 import secrets
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -86,11 +86,6 @@ class Manifest:
             )
         except OSError:
             return False
-
-    def __or__(self, digests: Mapping[str, list[str]]) -> Manifest:
-        """Manifest with further files, and with further contents of the same files."""
-        both = {name: [*self.digests.get(name, ()), *found] for name, found in digests.items()}
-        return Manifest(self.folder, {**self.digests, **both})
 
 
 def is_result(name: str) -> bool:
@@ -170,21 +165,19 @@ class OutputFolder:
                     f"--out {self.path}: exists and was not made by rnc-pin; choose another folder or add --force"
                 )
             manifest = Manifest(self.path)
-        foreign = [name for name in names if not self._may_write(name, manifest)]
-        if foreign:
-            raise ConfigurationError(
-                f"--out {self.path}: {few(foreign)} {'was' if len(foreign) == 1 else 'were'} changed or not written by "
-                "rnc-pin; choose another folder or add --force"
-            )
+        if foreign := self._foreign(names, manifest):
+            hint = "choose another folder or add --force"
+            raise ConfigurationError(f"--out {self.path}: {foreign} changed or not written by rnc-pin; {hint}")
         # Only after the checks, and under the lock: no living run has such a folder here.
         for leftover in self.path.glob(f"{TEMPORARY_PREFIX}*"):  # of a run that was killed
             shutil.rmtree(leftover) if _is_folder(leftover) else leftover.unlink()
         return manifest
 
-    def _may_write(self, name: str, manifest: Manifest) -> bool:
-        """True if a run may write this file: there is none, or it may be replaced."""
-        path = self.path / name
-        return not os.path.lexists(path) or manifest.owns(name) or (self._force and not _is_folder(path))
+    def _foreign(self, names: Iterable[str], manifest: Manifest) -> str:
+        """Names of files that are there and may not be replaced, with "was" or "were"; empty if there are none."""
+        there = (name for name in names if os.path.lexists(self.path / name) and not manifest.owns(name))
+        found = [name for name in there if not self._force or _is_folder(self.path / name)]
+        return f"{few(found)} {'was' if len(found) == 1 else 'were'}" if found else ""
 
     @contextmanager
     def writing(self) -> Iterator[Path]:
@@ -226,16 +219,16 @@ class OutputFolder:
             new = {name: [digest(path)] for name, path in staged.items() if is_result(name)}
             # Read again: another program may have changed files during the run.
             earlier = Manifest.read(self.path) or Manifest(self.path)
-            foreign = [name for name in new if not self._may_write(name, earlier)]
-            if foreign:
+            if foreign := self._foreign(new, earlier):
                 # The run is over and may have taken hours: its results are kept under another name.
                 aside = self.path / f"results_{fresh.name.removeprefix(TEMPORARY_PREFIX)}"
                 fresh.rename(aside)
                 raise ConfigurationError(
-                    f"--out {self.path}: {few(foreign)} {'was' if len(foreign) == 1 else 'were'} changed during the "
-                    f"run; the results are in {aside}"
+                    f"--out {self.path}: {foreign} changed during the run; the results are in {aside}"
                 )
-            (earlier | new).write(fresh)  # holds whether or not a kill interrupts the moves
+            # Further contents of the same files: it holds whether or not a kill interrupts the moves.
+            both = {name: [*earlier.digests.get(name, ()), *found] for name, found in new.items()}
+            Manifest(self.path, {**earlier.digests, **both}).write(fresh)
             for name in new:
                 os.replace(staged[name], self.path / name)
             self._kept |= new

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,17 +27,10 @@ _SLOWER = 1.5  # default of the duration, in durations of the way: accelerations
 _POINTS = 400  # of a planned path
 
 
-class FramePoses(NamedTuple):
-    """Poses of a frame."""
-
-    planar: Float[np.ndarray, "n 3"]
-    """Position x, y [m] and heading [rad]."""
-    heights: Float[np.ndarray, " n"]
-    """Position z [m]."""
-
-
-def frame_poses(robot: Robot, frame: str, configurations: np.ndarray) -> FramePoses:
-    """Return the poses of a frame at configurations (n, nq).
+def frame_poses(
+    robot: Robot, frame: str, configurations: np.ndarray
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, " n"]]:
+    """Return x, y [m] and heading [rad] of a frame at configurations (n, nq), and its heights [m].
 
     Args:
         robot: the robot.
@@ -47,7 +39,7 @@ def frame_poses(robot: Robot, frame: str, configurations: np.ndarray) -> FramePo
     """
     rotation, place = Kinematics(robot).position(configurations).placement(robot.frame_id(frame))
     heading = np.arctan2(rotation[:, 1, 0], rotation[:, 0, 0])
-    return FramePoses(np.column_stack([place[:, :2], heading]), place[:, 2])
+    return np.column_stack([place[:, :2], heading]), place[:, 2]
 
 
 def with_references(context: ControllerContext) -> ControllerContext:
@@ -122,7 +114,7 @@ def _car_path(
     if len(outputs) != 2 or reduced.reducing.quasi[outputs].tolist() != [True, False]:
         raise ConfigurationError(f"{role} outputs must be forward speed and steering angle, in this order")
     speed, steering = (int(index) for index in outputs)
-    start = frame_poses(reduced.robot, settings.frame, q0[None]).planar[0]
+    start = frame_poses(reduced.robot, settings.frame, q0[None])[0][0]
     largest = float(np.tan(settings.max_steering) / settings.wheelbase)  # curvature of the front wheel [1/m]
     geometry = SteeringGeometry(reduced, q0, settings.frame, speed=speed, steering=steering, largest=largest)
     own = settings.values_of("wheelbase", "via", "max_steering")

@@ -107,7 +107,7 @@ def _off_tracking(experiment: Experiment, configurations: np.ndarray) -> float |
         return None
     robot = experiment.reduced.robot
     some = configurations[::10]  # every tenth sample is dense enough
-    driven, axle = (frame_poses(robot, frame, some).planar for frame in (settings.frame, settings.trailer.frame))
+    driven, axle = (frame_poses(robot, frame, some)[0] for frame in (settings.frame, settings.trailer.frame))
     # At the start the axle is behind the path: as a chord, twice its distance reaches beyond it at any angle.
     behind = 2.0 * float(np.linalg.norm(driven[0, :2] - axle[0, :2]))
     return float(path_distances(axle[:, :2], continued_back(driven, behind)).max())
