@@ -427,9 +427,8 @@ def _afloat(at_start: RobotAtStart, base: str | None, why: str, rotors: Collecti
     if not rotors:
         said = "a floating base is free of contacts and of gravity, as in space; for a bolted one: --base fixed"
         result.notes.append(said)
-    place: dict[str, Json] = {"frame_position": {"frame": at_start.frame}}
-    if base == "planar":
-        place["frame_position"] = {"frame": at_start.frame, "axes": "xy"}
+    on_ground: dict[str, Json] = {"axes": "xy"} if base == "planar" else {}
+    place: dict[str, Json] = {"frame_position": {"frame": at_start.frame, **on_ground}}
     if rotors or not at_start.start:  # one rigid body: with conserved momentum it would not move
         for kind, axis in itertools.product(("force", "torque"), "xyz"):
             result.act(kind, axis, "thrusters")

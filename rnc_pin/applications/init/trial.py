@@ -118,14 +118,7 @@ def worst_output(trajectory: Trajectory, motions: Mapping[str, float], *, settle
     return max(trials, key=lambda each: each.relative_error)
 
 
-_OF_RUN = {
-    FindingKind.POSITION,
-    FindingKind.VELOCITY,
-    FindingKind.EFFORT,
-    FindingKind.SATURATION,
-    FindingKind.COLLISION,
-    FindingKind.LIFT_OFF,
-}
+_OF_RUN = {*map(FindingKind, ("position", "velocity", "effort", "saturation", "collision", "lift_off"))}
 """Kinds for which ``rnc-pin run`` would fail or complain, beside the errors, which are judged by the motion here."""
 
 

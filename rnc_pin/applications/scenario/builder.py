@@ -26,7 +26,7 @@ from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, Mode
 from rnc_pin.model import NonholonomicSystem, ReducedModel, Task
 from rnc_pin.motion.whole_body import WholeBodyProgram, program_of
 from rnc_pin.robots import Robot
-from rnc_pin.simulation import PLOTTED_QUANTITIES, Provenance, SimulationOptions, TaskNames, Trajectory
+from rnc_pin.simulation import PLOTTED_QUANTITIES, Provenance, TaskNames
 from rnc_pin.verdict import Finding, FindingKind, Severity
 from rnc_pin.visualization import DrawnModel
 
@@ -87,15 +87,6 @@ class Experiment(ControllerContext):
     def program(self) -> WholeBodyProgram | None:
         """Whole-body program of the controller, if it has one."""
         return program_of(self.controller)
-
-    def run(self, options: SimulationOptions) -> Trajectory:
-        """Simulate the run.
-
-        Args:
-            options: options of the run, with its observer and provenance.
-        """
-        given = self.reduced, self.controller, self.q0, self.simulation.seconds, self.simulation.dt
-        return simulation.simulate(*given, v2_0=self.v2_0, plant=self.plant, options=options)
 
 
 def build_experiment(

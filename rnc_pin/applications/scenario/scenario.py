@@ -32,7 +32,7 @@ from rnc_pin.motion.planning import Reference
 from rnc_pin.plants import Plant
 from rnc_pin.printing import ObjectSummary, SummaryMixin, items
 from rnc_pin.robots import Robot
-from rnc_pin.simulation import Observer, SimulationOptions, Trajectory
+from rnc_pin.simulation import Observer, SimulationOptions, Trajectory, simulate
 
 
 class BuiltModel(NamedTuple):
@@ -283,9 +283,11 @@ class Scenario(SummaryMixin):
         Args:
             observer: called with every ``Sample``.
         """
+        made, options = self.experiment, self.options(observer)
+        given = made.reduced, made.controller, made.q0, self.duration, self.dt
         # A run that failed is a result, as far as it went; an error before its first sample is none.
         try:
-            return self.experiment.run(self.options(observer)), None
+            return simulate(*given, v2_0=made.v2_0, plant=made.plant, options=options), None
         except RncError as failure:
             if not isinstance(failure.trajectory, Trajectory):
                 raise

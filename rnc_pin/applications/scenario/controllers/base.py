@@ -215,20 +215,15 @@ class _EstimatedParameters(Strict):
     bounds: _Bounds
     dead_zone: NotNegative = 0.0
 
-    @property
     @abstractmethod
-    def estimates(self) -> list[float]:
-        """First estimates."""
-
-    @abstractmethod
-    def regressor(self, reduced: ReducedModel) -> control.Regressor:
-        """Model of the unknown parameters."""
+    def regressor(self, reduced: ReducedModel) -> tuple[control.Regressor, list[float]]:
+        """Model of the unknown parameters, and their first estimates."""
 
     def estimator(self, reduced: ReducedModel, alpha: float) -> control.Estimator:
         """Build the estimator with an adaptation gain."""
         with ConfigurationError.at("controller.unknown"):
-            regressor, (low, high) = self.regressor(reduced), self.bounds
-            return control.Estimator(reduced, regressor, self.estimates, (low, high), alpha, self.dead_zone)
+            low, high = self.bounds
+            return control.Estimator(reduced, *self.regressor(reduced), (low, high), alpha, self.dead_zone)
 
 
 class UnknownMasses(_EstimatedParameters):
@@ -246,13 +241,9 @@ class UnknownMasses(_EstimatedParameters):
     unit: Positive = 1.0
     initial: Annotated[dict[str, float], Field(min_length=1)]
 
-    @property
-    def estimates(self) -> list[float]:
-        return list(self.initial.values())
-
-    def regressor(self, reduced: ReducedModel) -> control.Regressor:
+    def regressor(self, reduced: ReducedModel) -> tuple[control.Regressor, list[float]]:
         masses = [control.UnknownMass(joint, self.unit) for joint in self.initial]
-        return control.MomentumRegressor(reduced.robot, self.base, masses)
+        return control.MomentumRegressor(reduced.robot, self.base, masses), list(self.initial.values())
 
 
 class _WheelLength(Strict):
@@ -286,13 +277,11 @@ class UnknownWheels(_EstimatedParameters):
             raise ValueError("name at least one radius or track")
         return self
 
-    @property
-    def estimates(self) -> list[float]:
-        return [each.initial for each in (*self.radii, *self.tracks)]
-
-    def regressor(self, reduced: ReducedModel) -> control.Regressor:
+    def regressor(self, reduced: ReducedModel) -> tuple[control.Regressor, list[float]]:
         radii = [control.UnknownRadius(each.wheels) for each in self.radii]
-        return control.WheelRegressor(reduced, [*radii, *(control.UnknownTrack(each.wheels) for each in self.tracks)])
+        tracks = [control.UnknownTrack(each.wheels) for each in self.tracks]
+        estimates = [each.initial for each in (*self.radii, *self.tracks)]
+        return control.WheelRegressor(reduced, [*radii, *tracks]), estimates
 
 
 def _kind_of(raw: object) -> str:
