@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -41,7 +41,6 @@ _INFORMED = "computed_torque knows the model; adaptive does not, and does not su
 _TRACKERS = {"adaptive": _ADAPTIVE, "computed_torque": _INFORMED}
 
 
-@dataclass
 class ScenarioCandidate:
     """Scenario for one assumed base.
 
@@ -51,13 +50,9 @@ class ScenarioCandidate:
         at_start: the robot of the file, with its initial joint values.
     """
 
-    mobility: assumptions.BaseAssumptions
-    source: Source
-    at_start: RobotAtStart
-
-    def __post_init__(self) -> None:
+    def __init__(self, mobility: assumptions.BaseAssumptions, source: Source, at_start: RobotAtStart) -> None:
         # The order matters: locks change the robot, constraints its loose joints, and both the loads at the start.
-        mobility = self.mobility
+        self.mobility, self.source, self.at_start = mobility, source, at_start
         self._share = 1.0
         self.robot = self.source.load(mobility.base, mobility.lock)
         self._against: list[str] = []

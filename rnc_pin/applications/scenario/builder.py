@@ -114,7 +114,8 @@ def build_experiment(
         except InputError as error:
             raise ConfigurationError(f"simulation: {error}") from None
     reduced = scenario.reduced(build_system(scenario, folder)) if reduced is None else reduced
-    _check_plots(scenario, reduced)  # a misspelt plot would fail after the run
+    for plot, settings in scenario.plots.items():  # a misspelt name would fail after the run
+        check_output_names(f"plots.{plot}.outputs", settings.outputs, reduced, PLOTTED_QUANTITIES)
     obstacles = build_obstacles(scenario.obstacles, folder)
     check_ignored_links(obstacles, reduced.robot)
     start, task = start_of(scenario, reduced), build_task(scenario, reduced)
@@ -192,12 +193,6 @@ def _initial(scenario: ScenarioFile, reduced: ReducedModel) -> np.ndarray:
         return reduced.assembled(q0, named)
     except ConstraintError as error:
         raise ConfigurationError(f"initial.q: {error}; joints named in initial.q stay: {', '.join(named)}") from None
-
-
-def _check_plots(scenario: ScenarioFile, reduced: ReducedModel) -> None:
-    """Raise an error if a plot names no output of the model, and no quantity."""
-    for plot, settings in scenario.plots.items():
-        check_output_names(f"plots.{plot}.outputs", settings.outputs, reduced, PLOTTED_QUANTITIES)
 
 
 # ---------------------------------------------------------------------- plants

@@ -178,8 +178,7 @@ def _replay(experiment: Experiment, run: Trajectory, asked: float | None) -> Lim
 
 def _grip(experiment: Experiment, run: Trajectory) -> Grip | None:
     """Stated friction of the ground; None without one, or if contacts appear and vanish."""
-    stated, program, reduced = experiment.scenario.grip, experiment.program, experiment.reduced
-    grip = None if stated is None else Grip(reduced, stated.friction)
+    grip, program, reduced = experiment.grip, experiment.program, experiment.reduced
     if grip is None and isinstance(program, InverseDynamicsQP) and program.friction is not None:
         with suppress(ConfigurationError):  # nothing grips
             grip = Grip(reduced, program.friction)

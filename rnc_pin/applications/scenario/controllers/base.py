@@ -295,23 +295,6 @@ Unknown = Annotated[
 ]
 
 
-def sized_gain(name: str, value: Gain | None, size: int) -> float | np.ndarray | None:
-    """Return a gain that the settings give after a check of its length; None for others.
-
-    Args:
-        name: name of the setting, for messages.
-        value: the gain.
-        size: number of outputs.
-
-    Raises:
-        ConfigurationError: the number of values is not ``size``.
-    """
-    # Checked here with the name of the setting: broadcasting would fail in the loop, or silently repeat one value.
-    if isinstance(value, list) and len(value) != size:
-        raise ConfigurationError(f"controller.{name}: {len(value)} values for {size} outputs")
-    return np.array(value) if isinstance(value, list) else value
-
-
 class ControllerSettings(Strict):
     """Settings of one type of controller.
 
@@ -360,6 +343,23 @@ class ControllerSettings(Strict):
     def velocity_command(self) -> str:
         """Key and value by which the controller commands velocities, for messages; empty if it commands forces."""
         return ""
+
+    def given_gains(self, size: int, *names: str) -> dict[str, float | np.ndarray]:
+        """Return the gains that the settings give, by name, after a check of their lengths.
+
+        Args:
+            size: number of outputs.
+            *names: names of settings.
+
+        Raises:
+            ConfigurationError: the number of values is not ``size``.
+        """
+        given = {name: value for name, value in self.values_of(*names).items() if value is not None}
+        for name, value in given.items():
+            # With the name of the setting: broadcasting would fail in the loop, or silently repeat one value.
+            if isinstance(value, list) and len(value) != size:
+                raise ConfigurationError(f"controller.{name}: {len(value)} values for {size} outputs")
+        return {name: np.array(value) if isinstance(value, list) else value for name, value in given.items()}
 
     @property
     def outer(self) -> control.OuterGains:

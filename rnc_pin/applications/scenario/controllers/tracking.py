@@ -17,7 +17,6 @@ from rnc_pin.applications.scenario.controllers.base import (
     ControllerSettings,
     Gain,
     check_motion,
-    sized_gain,
 )
 from rnc_pin.applications.scenario.schema.motions import Pose
 from rnc_pin.errors import ConfigurationError
@@ -75,9 +74,8 @@ class JacobianTransposeSettings(ControllerSettings):
 
     def _build(self, context: ControllerContext) -> BuiltController:
         task, reduced, outputs = context.task, context.reduced, context.task.primary
-        given = self.values_of("k1", "k2", "gamma", "beta", "sigma")
         with ConfigurationError.at("controller"):
-            own = {name: sized_gain(name, value, len(outputs)) for name, value in given.items()}
+            own = self.given_gains(len(outputs), "k1", "k2", "gamma", "beta", "sigma")
             gains = control.design_position_gains(
                 partial(control.effective_inertia, reduced, outputs=outputs, active=self.active),
                 context.q0,  # undriven outputs drift, so the region of motion is unknown
@@ -136,7 +134,7 @@ class TwoPhaseSettings(AdaptationSettings):
         """Gains of the hand's tracker and of the platform's tracker, from the inertia at the initial configuration."""
         reduced, primary, redundant = context.reduced, context.task.primary, context.task.redundant
         start, dt = context.q0[None], context.simulation.dt  # the path of the platform is not known before the run
-        dead_zone = sized_gain("dead_zone", self.dead_zone, reduced.r)
+        dead_zone = self.given_gains(reduced.r, "dead_zone").get("dead_zone")
         design = control.GainDesign(self.preset, delay=self.delay)
         still = dead_zone[redundant] if isinstance(dead_zone, np.ndarray) else dead_zone
         driven = replace(design, adaptation=self.adaptation, overrides={"dead_zone": still})
@@ -193,18 +191,16 @@ class VelocityTrackerSettings(AdaptationSettings):
         margins, complaints = check_motion(context, kinematic, task, horizon)
         built = partial(BuiltController, warnings=complaints)
         if self.tracker == "computed_torque":
-            k = sized_gain("k", self.k, reduced.r)
-            return built(control.ComputedTorque(reduced, kinematic, **({} if k is None else {"k": k})))
+            return built(control.ComputedTorque(reduced, kinematic, **self.given_gains(reduced.r, "k")))
         if self.tracker == "velocity":
             with ConfigurationError.at("controller"):
                 return built(control.ActuatorVelocityController(reduced, kinematic))
         # The results of a run are useful even if it ends in a singular configuration.
         region, times = (margins.q, margins.time) if margins.singular is None else (q0[None], None)
         # Gains for the inertia along the whole motion: those for the start would be unstable where H is small.
-        given, rates = self.values_of("k", "beta", "sigma", "dead_zone"), (self.bandwidth, self.adaptation, self.delay)
         with ConfigurationError.at("controller"):
-            own = {name: sized_gain(name, value, reduced.r) for name, value in given.items()}
-            design = control.GainDesign(self.preset, *rates, overrides=own)
+            own = self.given_gains(reduced.r, "k", "beta", "sigma", "dead_zone")
+            design = control.GainDesign(self.preset, self.bandwidth, self.adaptation, self.delay, overrides=own)
             designed = control.design_velocity_gains(reduced, region, context.simulation.dt, design, times=times)
         return built(control.VelocityTracker(kinematic, designed, self.holding_force(context)))
 
@@ -214,9 +210,8 @@ class VelocityTrackerSettings(AdaptationSettings):
 
     def _outer_gain(self, name: str, size: int) -> float | np.ndarray:
         """Gain that the settings give, or that of the preset."""
-        given = sized_gain(name, getattr(self, name), size)
         usual: float = getattr(self.outer, name)
-        return usual if given is None else given
+        return self.given_gains(size, name).get(name, usual)
 
     @model_validator(mode="after")
     def _check_tracker(self) -> VelocityTrackerSettings:
@@ -290,7 +285,7 @@ class ReducingOutputsSettings(VelocityTrackerSettings):
         # The controller wants the order of x2, and roles divide it.
         order = np.argsort(np.concatenate([task.primary, task.redundant]))
         reference = _Reordered(Joined([context.references["primary"], context.references["redundant"]]), order)
-        k2 = sized_gain("k21", self.k21, task.r)
+        k2 = self.given_gains(task.r, "k21").get("k21")
         own = {} if k2 is None else {"k2": k2}
         kinematic = control.ReducingOutputController(context.reduced, reference, **own, monitored=context.monitored)
         return self.track(context, kinematic)
