@@ -252,13 +252,8 @@ def _circular(circles: Array, turns: Array, steps: int, duration: float) -> Arra
 def _driven(model: ActionModel, q0: Array, v2: Array, duration: float) -> Array:
     """Configurations (n, steps + 1, nq) of n motions with velocities (n, steps, r), each for an equal time."""
     kinematic = model if model.form == "kinematic" else ActionModel(model.reduced, "kinematic")
-    count, steps, _ = v2.shape
-    now = Nodes(np.repeat(q0[None], count, axis=0), np.empty((count, 0)))
-    found = [now.q]
-    for k in range(steps):
-        now = kinematic.step(now, v2[:, k], np.full(count, duration / steps))
-        found.append(now.q)
-    return np.stack(found, axis=1)
+    start = Nodes(np.repeat(q0[None], len(v2), axis=0), np.empty((len(v2), 0)))
+    return kinematic.rollout(start, v2, duration / v2.shape[1])[0]
 
 
 def along(model: ActionModel, q: Array, duration: float, w: Array | None = None) -> Iterate:

@@ -68,10 +68,8 @@ class PlanEnd:
         count = int(np.ceil(total / h - 1e-9)) if total >= at_rest * h else 0
         self.duration = total if count else 0.0
         self._h, self._rates = total / max(count, 1), np.repeat(-w / (total or 1.0), max(count, 1), axis=0)
-        found = [Nodes(plan.q[-1:], w)]
-        for _ in range(count):
-            found.append(self._driven.step(found[-1], self._rates[:1], np.array([self._h])))
-        self._nodes = Nodes(*(np.concatenate(each) for each in zip(*found, strict=True)))
+        q, w = self._driven.rollout(Nodes(plan.q[-1:], w), self._rates[None, :count], self._h)
+        self._nodes = Nodes(q[0], w[0])
 
     def at(self, since: float) -> tuple[Nodes, Array]:
         """State (one node) and input at a time after the end of the plan [s]."""

@@ -22,15 +22,15 @@ from rnc_pin.references.reference import TaskReference as TaskReference
 
 from .car_path import CarPath as CarPath
 from .car_path import Leg as Leg
+from .car_path import SteeringGeometry as SteeringGeometry
 from .car_path import continued_back as continued_back
 from .car_path import path_distances as path_distances
 from .inverse_kinematics import IkResult as IkResult
 from .inverse_kinematics import IkSearch as IkSearch
 from .inverse_kinematics import solve_ik as solve_ik
-from .steering_detection import SteeringGeometry as SteeringGeometry
-from .steering_detection import find_steering as find_steering
 from .way import Way as Way
 from .way import WayInfo as WayInfo
 from .way_checking import NarrowPlace as NarrowPlace
 from .way_finding import WaySettings as WaySettings
+from .way_finding import find_steering as find_steering
 from .way_finding import find_way as find_way

@@ -156,6 +156,20 @@ class ActionModel:
             at = self._midpoint_step(at, u, np.asarray(h) / self.parts)
         return at
 
+    def rollout(self, at: Nodes, u: Float[Array, "n K nu"], h: float) -> tuple[Array, Array]:
+        """Configurations (n, K + 1, nq) and velocities (n, K + 1, nw) of n motions from nodes.
+
+        Args:
+            at: starts.
+            u: inputs, each for an equal time.
+            h: this time [s].
+        """
+        found, times = [at], np.full(len(u), h)
+        for inputs in np.swapaxes(u, 0, 1):
+            found.append(self.step(found[-1], inputs, times))
+        q, w = (np.stack(each, axis=1) for each in zip(*found, strict=True))
+        return q, w
+
     def _midpoint_step(self, at: Nodes, u: Array, h: Array) -> Nodes:
         found = np.empty((len(at.q), at.q.shape[1] + at.w.shape[1]))
         calls, arrays = self.reduced.evaluator.calls, (*at, u, h)
@@ -339,26 +353,25 @@ class KinematicFlow:
             u: displacements.
             steps: number of equal steps.
         """
-        each, places = u / steps, [np.array(q)]
-        for _ in range(steps):
-            places.append(self.coarse_step(places[-1], each))
+        each = u / steps
+        places = np.swapaxes(self.coarse(q, np.repeat(each[:, None], steps, axis=1)), 0, 1)
         # Derivatives of all steps in one call; the product along each motion is cheap.
-        starts = np.concatenate(places[:-1])
-        found = self._model.step_derivatives(*_unit_steps(starts, np.tile(each, (steps, 1))))
+        starts = _standing(np.concatenate(places[:-1]))
+        found = self._model.step_derivatives(starts, np.tile(each, (steps, 1)), np.ones(len(starts.q)))
         by_q, by_u = (part.reshape(steps, len(q), self.reduced.n, -1) for part in (found.x, found.u / steps))
         by_start, by_input = by_q[0], by_u[0]
         for k in range(1, steps):
             by_start, by_input = by_q[k] @ by_start, by_q[k] @ by_input + by_u[k]
-        return Shots(np.array(places), by_start, by_input)
+        return Shots(places, by_start, by_input)
 
-    def coarse_step(self, q: Float[Array, "n nq"], u: Float[Array, "n r"]) -> Float[Array, "n nq"]:
-        """Configurations after displacements u, by the midpoint rule.
+    def coarse(self, q: Float[Array, "n nq"], u: Float[Array, "n K r"]) -> Float[Array, "n K1 nq"]:
+        """Configurations along displacements u one after the other, by the midpoint rule.
 
         Args:
             q: configurations.
             u: reduced velocities times durations.
         """
-        return self._model.step(*_unit_steps(q, u)).q
+        return self._model.rollout(_standing(q), u, 1.0)[0]  # in one second, velocities are displacements
 
     def velocity(self, q: Float[Array, "n nq"], u: Float[Array, "n k"]) -> Float[Array, "n nv"]:
         """Velocities (n, nv) for u at configurations."""
@@ -369,6 +382,6 @@ class KinematicFlow:
         return np.asarray(np.matvec(R @ np.linalg.pinv(R[:, self._planned]), u))
 
 
-def _unit_steps(q: Array, u: Array) -> tuple[Nodes, Array, Array]:
-    """Steps of one second: the velocities are the displacements."""
-    return Nodes(q, np.empty((len(q), 0))), u, np.ones(len(q))
+def _standing(q: Array) -> Nodes:
+    """Nodes of the kinematic form."""
+    return Nodes(q, np.empty((len(q), 0)))

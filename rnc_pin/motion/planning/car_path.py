@@ -1,4 +1,4 @@
-"""Path of a vehicle with front steering, from pose to pose, one leg each: paper (22) and section 4.3."""
+"""Path of a vehicle with front steering, from pose to pose, one leg each: paper (22) and section 4.3; its steering."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
-from typing import Annotated
+from typing import Annotated, NamedTuple, NoReturn
 
 import numpy as np
 import scipy
@@ -15,10 +15,14 @@ from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike
 
 from rnc_pin.array_shapes import Array, Float
-from rnc_pin.errors import ConfigurationError, InfeasibleError
+from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, SingularityError
 from rnc_pin.model.coordinates import wrapped
+from rnc_pin.model.frame_rows import FrameVelocityRows
 from rnc_pin.model.input_validation import Positive
-from rnc_pin.motion.planning.steering_detection import SteeringGeometry
+from rnc_pin.model.kinematics import OWN_AXES
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.motion.planning.action_models import KinematicFlow
 from rnc_pin.references.kinds import ViaPoints
 from rnc_pin.references.reference import InTurn, Reference
 
@@ -166,6 +170,154 @@ def _to_segment(points: Array, path: Array, index: Array) -> Array:
     square = np.maximum(np.vecdot(along, along), 1e-300)
     s = np.clip(np.vecdot(points - begin, along) / square, 0.0, 1.0)
     return np.linalg.norm(points - begin - s[:, None] * along, axis=1)
+
+
+# ------------------------------------------------------------------ steering of a vehicle
+
+_ROUNDED = 1e-3  # side slip, or motion while the vehicle only steers, that rounding in a file may cause
+
+
+class _Row(NamedTuple):
+    """Table row of one configuration; slopes are derivatives by the steering output."""
+
+    output: float
+    curvature: float
+    curvature_slope: float
+    speed: float
+    speed_slope: float
+
+
+class SteeringGeometry:
+    """Steering output and speed output for each path curvature of a frame.
+
+    At unit rate of the speed output the frame moves at u along its x axis and turns at w. Both are entries of ``J R``;
+    J has the rows of the frame's velocity. The curvature is ``w / u``. Its derivative by the steering output follows
+    from ``d(J R)/dt`` while only that output moves, at unit rate. Cubic Hermite interpolation inverts a table of both.
+    The class supports one steered wheel, the left wheel of an Ackermann linkage, and any other geometry of the rows.
+
+    Args:
+        reduced: the vehicle.
+        q: initial configuration of the table (nq,).
+        frame: frame that follows the path, x forward, in the middle of an axle that does not steer.
+        speed: index of the speed in x2.
+        steering: index of the steering output in x2.
+        largest: largest curvature of the table [1/m].
+
+    Raises:
+        ConfigurationError: the frame slips sideways, moves while the vehicle only steers, or the curvature depends on
+            more than the steering output.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("car.urdf", base="planar")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("front_axle"), rnc.NoSideSlip("rear_axle")])
+        >>> reduced = system.reduce([rnc.FrameSpeed("rear_axle"), rnc.JointPosition("front_steering")])
+        >>> q = robot.configuration()
+        >>> geometry = rnc.planning.SteeringGeometry(reduced, q, "rear_axle", speed=0, steering=1, largest=0.8)
+        >>> angles, _ = geometry.outputs(np.array([0.0, 0.5]))
+        >>> np.tan(angles).round(6)  # of one wheel in the middle, a metre ahead: the curvature itself
+        array([0. , 0.5])
+    """
+
+    def __init__(
+        self, reduced: ReducedModel, q: Float[Array, " nq"], frame: str, *, speed: int, steering: int, largest: float
+    ) -> None:
+        self._reduced, self._frame, self._speed, self._steering = reduced, frame, speed, steering
+        self._largest = largest
+        self._name = reduced.reducing.names[steering]
+        self._rows = FrameVelocityRows(reduced.robot, frame, [0, 1, 5], OWN_AXES)
+        first = self._row(q)
+        table = [*reversed(self._march(q, first, -1.0)), first, *self._march(q, first, 1.0)]
+        output, curvature, curvature_slope, ratio, speed_slope = np.array(table).T
+        if len(table) < 2:
+            raise ConfigurationError(f"'{self._name}' does not steer frame '{frame}'")
+        self.range: tuple[float, float] = float(curvature[0]), float(curvature[-1])
+        """Smallest and largest curvature that the output reaches [1/m]."""
+        # The table inverts the curvature: its slopes are the inverses, and need no differences.
+        self._outputs = scipy.interpolate.CubicHermiteSpline(curvature, output, 1.0 / curvature_slope)
+        self._ratios = scipy.interpolate.CubicHermiteSpline(curvature, ratio, speed_slope / curvature_slope)
+
+    def outputs(self, curvatures: Float[Array, " n"]) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+        """Return steering outputs (n,) for curvatures (n,) [1/m], and speed outputs (n,) per unit speed of the frame.
+
+        Raises:
+            InfeasibleError: a curvature is outside the range of the output.
+        """
+        low, high = self.range
+        slack = 1e-9 * self._largest
+        worst = float(curvatures[np.argmax(np.maximum(low - curvatures, curvatures - high))])
+        if not low - slack <= worst <= high + slack:
+            raise InfeasibleError(
+                f"the path has a curvature of {worst:.3g} 1/m, but within its range output '{self._name}' steers frame "
+                f"'{self._frame}' from {low:.3g} to {high:.3g} 1/m only: give a smaller max_steering"
+            )
+        return self._outputs(curvatures), 1.0 / self._ratios(curvatures)
+
+    def _march(self, q: Array, first: _Row, sign: float) -> list[_Row]:
+        """Table rows in one direction of curvature, up to the largest curvature or the end of the output's range."""
+        found: list[_Row] = []
+        steps = 100  # table steps from curvature zero to the largest; interpolated outputs are exact to 1e-9
+        row, step = first, sign * self._largest / steps
+        while sign * row.curvature < self._largest:
+            try:
+                q = self._steered(q, step / row.curvature_slope)
+                row = self._row(q)
+            except (SingularityError, ConstraintError):
+                break
+            turned = sign * (row.curvature - (found[-1] if found else first).curvature) <= 0
+            flat = 1e-3  # slope of the curvature, relative to the first slope, below which the table ends
+            # Beyond the turning point of the curvature, the inverse would have two values.
+            if turned or row.curvature_slope / first.curvature_slope < flat or self._is_outside(q):
+                break
+            found.append(row)
+        return found
+
+    def _steered(self, q: Array, by: float) -> Array:
+        """Assembled configuration after a motion of the steering output alone."""
+        end = KinematicFlow(self._reduced).step(q[None], by * np.eye(self._reduced.r)[[self._steering]])[0]
+        return self._reduced.assembled(end) if self._reduced.assembly.size else end
+
+    def _is_outside(self, q: Array) -> bool:
+        model = self._reduced.robot.model
+        low, high = model.lowerPositionLimit, model.upperPositionLimit
+        return bool(((low < high) & ((q < low - 1e-12) | (q > high + 1e-12))).any())
+
+    def _row(self, q: Array) -> _Row:
+        here = self._reduced.at(q)
+        steering = StateEvaluation(here, v=here.R[:, self._steering])
+        W, rates = self._rows.jacobian(here.position) @ here.R, self._rates(steering)
+        driven, steered = W[:, self._speed], W[:, self._steering]
+        length = 1.0 / self._largest  # turns and displacements are compared over the smallest radius
+        if not abs(driven[0]) > _ROUNDED:
+            self._refuse("does not move along its x axis")
+        if abs(driven[1]) > _ROUNDED * abs(driven[0]):
+            self._refuse("slips sideways: expected one in the middle of an axle that does not steer, x forward")
+        if np.abs(steered * [1.0, 1.0, length]).max() > _ROUNDED * length:
+            self._refuse(f"moves while '{self._name}' turns and the vehicle stands")
+        curvature = driven[2] / driven[0]
+        along = self._rates(StateEvaluation(here, v=here.R[:, self._speed] / driven[0]))
+        if abs(self._slope(along, driven, curvature)) > _ROUNDED / length**2:
+            self._refuse(f"turns by more than '{self._name}': the curvature of its path changes while it is driven")
+        slope = self._slope(rates, driven, curvature)
+        if not abs(slope) > _ROUNDED * self._largest:
+            raise ConfigurationError(f"'{self._name}' does not steer frame '{self._frame}'")
+        output = float(here.outputs()[1][self._steering])
+        return _Row(output, float(curvature), float(slope), float(driven[0]), float(rates[0]))
+
+    def _rates(self, state: StateEvaluation) -> Array:
+        """Time derivative of forward, sideways and turning speed (3,) per unit rate of the speed output."""
+        rates = state.motion
+        W_dot = self._rows.jacobian_dot(rates) @ state.R + self._rows.jacobian(rates) @ state.R_dot
+        return W_dot[:, self._speed]
+
+    @staticmethod
+    def _slope(rates: Array, driven: Array, curvature: float) -> float:
+        return float((rates[2] - curvature * rates[0]) / driven[0])
+
+    def _refuse(self, why: str) -> NoReturn:
+        raise ConfigurationError(f"frame '{self._frame}' cannot drive a path: it {why}")
+
+
+# ------------------------------------------------------------------ path from pose to pose
 
 
 class CarPath:

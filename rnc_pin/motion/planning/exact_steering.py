@@ -18,7 +18,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from functools import partial
-from itertools import pairwise
+from itertools import pairwise, product
 from math import acos, asin, atan2, cos, hypot, pi, sin, sqrt
 from typing import NamedTuple
 
@@ -456,23 +456,18 @@ LEFT, STRAIGHT, RIGHT = 1, 0, -1
 
 def reeds_shepp_words(x: float, y: float, heading: float) -> list[Word]:
     """Paths with forward and backward segments from the origin to a pose, in turning radii, the shortest first."""
-    return sorted(_reeds_shepp_words(x, y, heading), key=word_length)
+    found, back = list[Word](), (x * cos(heading) + y * sin(heading), x * sin(heading) - y * cos(heading))
+    # All words: nine formulas, with motions in reversed time, reflected, and in reversed order.
+    for (a, b), order in (((x, y), 1), (back, -1)):
+        for backward, side in product((1, -1), (1, -1)):
+            for word in _base_words(backward * a, side * b, backward * side * heading):
+                found.append([(side * curvature, backward * length) for curvature, length in word][::order])
+    return sorted(found, key=word_length)
 
 
 def word_length(word: Word) -> float:
     """Length of a word, in turning radii."""
     return sum(abs(length) for _, length in word)
-
-
-def _reeds_shepp_words(x: float, y: float, heading: float) -> Iterator[Word]:
-    """All words: nine formulas, with motions in reversed time, reflected, and in reversed order."""
-    back = x * cos(heading) + y * sin(heading), x * sin(heading) - y * cos(heading)
-    for reversed_order, (a, b) in ((False, (x, y)), (True, back)):
-        for backward in (1, -1):
-            for side in (1, -1):
-                for word in _base_words(backward * a, side * b, backward * side * heading):
-                    found = [(side * curvature, backward * length) for curvature, length in word]
-                    yield found[::-1] if reversed_order else found
 
 
 def _base_words(x: float, y: float, heading: float) -> Iterator[Word]:

@@ -62,7 +62,6 @@ class WayChecker:
         self._least = np.where(self._beside, clearance + self.tolerance, 0.0)
         self.manifold = ConfigurationManifold(distances.robot.model)
         self.blocks = np.zeros(len(distances.pairs), dtype=int)
-        self.checked = 0
 
     def violation(self, q: Float[Array, " nq"]) -> tuple[str, float] | None:
         """Pair that is too near at a configuration, and its distance [m]; None if all are far enough."""
@@ -75,7 +74,6 @@ class WayChecker:
 
     def is_free(self, motion: ExactMotion) -> bool:
         """True if bounds show that no distance of a motion is too small."""
-        self.checked += 1
         # A few samples cost less than bounds, and most motions of a search in a narrow place are not free.
         if any(self.violation(q) is not None for q in self._samples(motion)):
             return False

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import numpy as np
+import pinocchio as pin
 from annotated_types import Ge
 from numpy.typing import ArrayLike
 
-from rnc_pin.array_shapes import Array, Float
+from rnc_pin.array_shapes import Array, Bool, Float
 from rnc_pin.collision import Obstacle, PairSelection
-from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError, check_extra
+from rnc_pin.constraints.wheeled_base import WheeledBase
+from rnc_pin.constraints.wheels_and_blades import RollingRows
+from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError, SingularityError, check_extra
 from rnc_pin.model.input_validation import (
     ConfigurationValidator,
     NotNegative,
@@ -23,12 +27,21 @@ from rnc_pin.model.input_validation import (
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import OutputTarget
 from rnc_pin.motion.planning.action_models import KinematicFlow
-from rnc_pin.motion.planning.exact_steering import ExactMotion, Steering, base_axes
-from rnc_pin.motion.planning.steering_detection import SampledBases, find_steering
+from rnc_pin.motion.planning.exact_steering import (
+    AimedSteering,
+    CarSteering,
+    DifferentialDrive,
+    ExactMotion,
+    FreeSteering,
+    JointCouplings,
+    Steering,
+    base_axes,
+)
 from rnc_pin.motion.planning.way import Way, WayInfo, way_along
 from rnc_pin.motion.planning.way_checking import WayChecker, check_configuration, goal_configurations, way_checker
 from rnc_pin.motion.planning.way_propagation import DEVIATION, PropagatedSearch
 from rnc_pin.motion.planning.way_search import SHORTER, SearchBudget, WaySearch, base_area, drive_times, speed_limits
+from rnc_pin.robots.joint_values import limited_positions
 
 _ATTEMPT = 4000  # motions of each further search, before it starts again with other random numbers
 _ROOM = 0.02  # of the range of a steering joint, at each end: feedback along a way needs it
@@ -237,3 +250,136 @@ def _failure(
     error = InfeasibleError(f"find_way: {text}")
     error.q = near
     return error
+
+
+# ------------------------------------------------------------------ steering that the rows allow
+
+_SAMPLES = 6  # random configurations at which the rows are compared
+_EXACT = 1e-9  # largest difference of unit vectors that counts as rounding
+
+
+def find_steering(reduced: ReducedModel, q0: Float[Array, " nq"], *, room: float = 0.0) -> Steering:
+    """Find the exact steering that the constraint rows of a reduced system allow.
+
+    Random configurations decide, so that a property that holds there holds everywhere.
+
+    Args:
+        reduced: the model.
+        q0: a configuration (nq,).
+        room: part of the range of a car's steering joint that stays free at each end, e.g. for feedback.
+
+    Raises:
+        ConfigurationError: no exact steering is known: trailers, momentum rows, closed loops, or rows that prescribe a
+            motion.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("car.urdf", base="planar")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("front_axle"), rnc.NoSideSlip("rear_axle")])
+        >>> steering = rnc.planning.find_steering(system.reduce(), robot.configuration())
+        >>> steering.kind
+        'car'
+    """
+    if reduced.affine:
+        _unknown(reduced, "its rows prescribe a motion")
+    samples = SampledBases(reduced, q0)
+    if samples.couplings.unknown:
+        _unknown(reduced, f"row '{samples.couplings.unknown[0]}' couples joints")
+    planned = ~samples.followers()
+    places = np.flatnonzero(planned)
+    if reduced.r == len(places):
+        return FreeSteering(reduced, planned)  # as many free directions as planned velocities
+    if reduced.robot.model.joints[1].shortname() != "JointModelPlanar":
+        _unknown(reduced, "the rows restrict joints other than a planar base")
+    base = WheeledBase(reduced, next(each.name for each in reduced.robot.model.frames if each.parentJoint == 1))
+    rows = [np.linalg.svd(R[places])[0][:, reduced.r :] for R in samples.bases]  # that all velocities satisfy
+    if any(np.abs(each[~np.isin(places, [0, 1, 2, *base.resting])]).max(initial=0.0) > _EXACT for each in rows):
+        _unknown(reduced, "the rows couple the base with other joints")
+    motion, count = base.at(q0), len(places) - reduced.r
+    steering = [joint for joint in base.steering if planned[joint]]
+    if motion.free.shape[1] == 2 and count - 1 == len(steering) <= 1:
+        row = np.linalg.svd(motion.moving[base.base] @ motion.free)[0][:, 2]  # of the axle without pivots
+        if np.hypot(row[0], row[1]) < 1e-6:
+            _unknown(reduced, "the base cannot turn")
+        if count == 1:
+            return DifferentialDrive(reduced, planned, row)
+        return CarSteering(reduced, planned, row, steering[0], q0, room)
+    one_by_one = len(motion.guides) <= len(base.pivots) and {*steering} <= {*base.pivots}
+    ranges = (base.upper - base.lower)[base.pivots]
+    if motion.free.shape[1] < 3 or not one_by_one or ranges.min() < np.pi:
+        _unknown(reduced, "the motion of the base is not that of a car with one steering joint, or of steered drives")
+    return AimedSteering(reduced, planned, base, q0)
+
+
+def _unknown(reduced: ReducedModel, why: str) -> NoReturn:
+    raise ConfigurationError(
+        f"no exact steering is known for '{reduced.robot.name}': {why}. Known are arms, free bodies, differential "
+        "drives, cars with one steering joint, steered drives and Mecanum bases, each with arms"
+    )
+
+
+class SampledBases:
+    """Random configurations within the limits, and bases R (nv, r) of the velocities that the rows allow there."""
+
+    def __init__(self, reduced: ReducedModel, q0: Array) -> None:
+        self._reduced, self._model, self.couplings = reduced, reduced.robot.model, JointCouplings(reduced)
+        self._limited = limited_positions(reduced.robot, None).v
+        self._generator = np.random.default_rng(0)  # the kind of a robot's steering does not depend on a seed
+        self._q, self.bases = [np.array(q0)], [np.array(reduced.at(q0).R)]
+        for _ in range(_SAMPLES - 1):
+            with suppress(SingularityError):  # fewer samples decide then: the rows are rarely singular
+                q = reduced.random_configuration(self._generator)
+                self.bases.append(np.array(reduced.at(q).R))
+                self._q.append(q)
+
+    def followers(self) -> Bool[Array, " nv"]:
+        """Mask of joints that follow: those of couplings, and those without limits whose motion others determine.
+
+        Among these are wheels, on whose angles no row depends, and casters, whose angles matter for themselves alone.
+        """
+        found = np.isin(np.arange(self._model.nv), self.couplings.velocities)
+        size = -1
+        # A wheel below a caster follows only when the caster does: repeat until no joint is added.
+        while size < found.sum():
+            size = int(found.sum())
+            for joint in list(self._model.joints)[1:]:
+                if joint.nv != 1 or found[joint.idx_v] or joint.idx_v in self._limited:
+                    continue
+                # Its motion has to follow from the others: without it, the rest still spans all motions.
+                rest = ~found
+                rest[joint.idx_v] = False
+                if all(np.linalg.matrix_rank(R[rest], tol=_EXACT) == R.shape[1] for R in self.bases):
+                    rows = rest if self._is_caster(joint) else slice(None)
+                    found[joint.idx_v] = not self.matters(int(joint.idx_v), rows)
+        return found
+
+    def _is_caster(self, joint: pin.JointModel) -> bool:
+        """True if a wheel that a joint carries trails it by less than its diameter: it turns round below the base."""
+        position = self._reduced.at(self._q[0]).position
+        wheels = [block for block, *_ in self._reduced.all_constraints.places if isinstance(block, RollingRows)]
+        levers = [np.linalg.norm(position.jacobian(each.frame)[:3, joint.idx_v]) / each.radius for each in wheels]
+        return bool(min(levers, default=np.inf) < 2.0)
+
+    def matters(self, index: int, rows: slice | Bool[Array, " nv"]) -> bool:
+        """True if the velocities that the rows allow depend on a joint.
+
+        Args:
+            index: velocity of the joint.
+            rows: velocities that count.
+        """
+        for q, R in zip(self._q, self.bases, strict=True):
+            step = np.zeros(self._model.nv)
+            step[index] = self._generator.uniform(0.05, 0.5)
+            try:
+                other = self._reduced.at(self.couplings.applied(pin.integrate(self._model, q, step))).R
+            except SingularityError:
+                return True
+            if np.abs(_projector(other[rows]) - _projector(R[rows])).max() > _EXACT:
+                return True
+        return False
+
+
+def _projector(R: Array) -> Array:
+    """Projector on the space of the columns, which are dependent if only some rows are taken."""
+    U, sizes, _ = np.linalg.svd(R, full_matrices=False)
+    span = U[:, sizes > 1e-9 * max(float(sizes[0]), 1e-300)]
+    return np.asarray(span @ span.T)

@@ -162,11 +162,8 @@ class PropagatedSearch:
         # Nodes that have been tried count as farther, or a node at a wall would be tried for ever.
         parent = int(np.argmin(self._distances(tree.q, target) + tree.away))
         inputs = self._drawn(tree.q[parent], generator)
-        q = [np.repeat(tree.q[parent][None], len(inputs), axis=0)]
-        for k in range(inputs.shape[1]):
-            for _ in range(_COARSE):
-                q.append(self._flow.coarse_step(q[-1], inputs[:, k] / _COARSE))
-        motions = np.stack(q, axis=1)
+        starts = np.repeat(tree.q[parent][None], len(inputs), axis=0)
+        motions = self._flow.coarse(starts, np.repeat(inputs / _COARSE, _COARSE, axis=1))
         inside = np.flatnonzero(self._within(motions))
         order = np.argsort(self._distances(motions[inside, -1], target), kind="stable")
         for k in inside[order[:3]]:  # each costs a check of distances
