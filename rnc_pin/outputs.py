@@ -17,7 +17,7 @@ from rnc_pin.model.frame_rows import DirectionRows, FrameVelocityRows, axis_inde
 from rnc_pin.model.input_validation import Axes, Axis
 from rnc_pin.model.kinematics import OWN_AXES, WORLD_AXES, PositionKinematics, VelocityKinematics
 from rnc_pin.model.rows import ConstantRows, OutputKind, OutputRows, check_defined
-from rnc_pin.model.user_functions import UserFunction, check_rate, derived_rate
+from rnc_pin.model.user_functions import UserFunction, admitted_rate, check_rate
 from rnc_pin.robots.model_checks import joints_with_moving_axes
 from rnc_pin.robots.robot import Robot
 
@@ -583,12 +583,8 @@ class _CustomRows(OutputRows):
             # A value and a Jacobian of the user are two statements: differences at random states show if they disagree.
             along = partial(_product, self._jacobian)
             check_rate(robot, self._value, along, ("value(q)", f"jacobian(q) v{whose}"), self.names, kind.angular)
-        labels = "jacobian(q)", f"jacobian_dot(q, v){whose}"
-        # A rate that is wrong by a sign leaves the Jacobian right: only differences at moving states show it.
-        if kind.jacobian_dot is not None:
-            check_rate(robot, self._jacobian, kind.jacobian_dot, labels, self.names)
-        rate = kind.jacobian_dot or derived_rate(robot, self._jacobian, labels[0] + whose)
-        self._jacobian_dot = UserFunction(rate, shape, labels[1])
+        known = kind.jacobian_dot, "jacobian", whose, self.names, False
+        self._jacobian_dot = admitted_rate(robot, self._jacobian, *known)
 
     def value(self, at: PositionKinematics) -> np.ndarray:
         return super().value(at) if self.quasi else self._value.over(at.q)

@@ -139,48 +139,34 @@ class ContactForceSet:
         least = 1e-10  # part of the largest singular value below which one counts as zero
         # Near configurations at which constraint rows are dependent, there are values of the size of the residual. No
         # more count than where the robot is assembled.
-        counted = (values > least * values[:, :1]) & (np.arange(values.shape[1]) < self._rank)
+        rank, freedom = self._assembled
+        counted = (values > least * values[:, :1]) & (np.arange(values.shape[1]) < rank)
         # Scaled to zero in place of left out, so that all samples stay in one array.
-        return self._directions(right * counted[:, :, None])
+        left, sizes, _ = np.linalg.svd(self._left_open(right * counted[:, :, None]), full_matrices=False)
+        acts = sizes > _FREE
+        count = min(int(acts.sum(axis=1).max(initial=0)), freedom)
+        return (left * acts[:, None])[:, :, :count].reshape(len(q), *self.selection.shape[:2], count)
 
-    @cached_property
-    def _rank(self) -> int:
-        """Rank of W at assembled configurations."""
-        return max((int((values > _ASSEMBLED * values[0]).sum()) for values, _ in self._assembled), default=0)
-
-    @cached_property
-    def _freedom(self) -> int:
-        """Number of free directions at assembled configurations."""
+    def _left_open(self, right: Array) -> Array:
+        """Part (..., m k, y) of the selection that the equations leave open, from the row space (..., s, y) of W."""
         selection = self.selection.reshape(-1, self.selection.shape[-1])
-        found = 0
-        for values, right in self._assembled:
-            # Projection on the row space: what is left of the selection is what the equations leave open.
-            right = right[: len(values)][values > _ASSEMBLED * values[0]]
-            left = selection - (selection @ right.T) @ right
-            found = max(found, int((np.linalg.svd(left, compute_uv=False) > _ASSEMBLED).sum()))
-        return found
+        return np.asarray(selection - (selection @ right.mT) @ right)
 
     @cached_property
-    def _assembled(self) -> list[tuple[Array, Array]]:
-        """Singular values and right singular vectors of W at a few assembled configurations."""
-        robot, generator, found = self._reduced.robot, np.random.default_rng(0), []
+    def _assembled(self) -> tuple[int, int]:
+        """Rank of W, and number of free directions, at a few assembled configurations."""
+        robot, generator, rank, freedom = self._reduced.robot, np.random.default_rng(0), 0, 0
         samples = 3  # beside the neutral configuration: they decide the rank of the equations
         for q in (robot.configuration(), *(robot.random_configuration(generator) for _ in range(samples))):
             # Some random configurations cannot be assembled, or are singular: the others decide.
             with suppress(RncError):
                 state = self._reduced.at(self._reduced.assembled(q))
                 effects, _ = self._effects(state.all_rows[None], self._lines(state.q[None]))
-                _, values, right = np.linalg.svd(effects[0])
-                found.append((values, right))
-        return found
-
-    def _directions(self, right: Array) -> Array:
-        """Free directions of the contact forces, from the row space of W (N, s, y)."""
-        selection = self.selection.reshape(-1, self.selection.shape[-1])
-        left, values, _ = np.linalg.svd(selection - (selection @ right.mT) @ right, full_matrices=False)
-        acts = values > _FREE
-        count = min(int(acts.sum(axis=1).max(initial=0)), self._freedom)
-        return (left * acts[:, None])[:, :, :count].reshape(len(right), *self.selection.shape[:2], count)
+                _, values, right = np.linalg.svd(effects[0], full_matrices=False)
+                row_space = right[values > _ASSEMBLED * values[0]]
+                left = np.linalg.svd(self._left_open(row_space), compute_uv=False)
+                rank, freedom = max(rank, len(row_space)), max(freedom, int((left > _ASSEMBLED).sum()))
+        return rank, freedom
 
     def known(self, contact_forces: Float[Array, "N l"], normal_forces: Float[Array, "N c"]) -> Float[Array, "N m k"]:
         """Contact forces from the forces of the rows on the robot, and from ``NormalForces``; 0 where nothing carries.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -142,22 +141,49 @@ def _at_one_state(reduced: ReducedModel, state: StateEvaluation, T: Array) -> St
     reduced, state = _smooth_at(reduced, state)
     if not reduced.reduction_data.kinematics.axes_are_constant:
         return _by_differences(reduced, state, T)
-    v2_dot = state.v2_dot(T)
-    found = _partials(reduced, state, state.v_dot(v2_dot), T)
+    q, v, n, m, v2_dot = state.q, state.v, reduced.n, reduced.m, state.v2_dot(T)
+    w = state.v_dot(v2_dot)
+    rows = RowStack.joined(reduced.constraints, reduced.reducing)
+    time = reduced.reduction_data.kinematics.time if state.t is None else float(np.asarray(state.t))
+    kinematics = Kinematics(reduced.robot, time)
+    # Rates along the n unit velocities are the derivatives by q: one batch gives the whole tensor.
+    along = kinematics.position(np.tile(q, (n, 1))).with_velocity(np.eye(n))
+    still = kinematics.position(q).with_velocity(np.zeros(n))  # rates of rows over time that do not move
+    E_t = rows.jacobian_dot(still) if rows.turning else np.zeros((n, n))
+    E_q = rows.jacobian_dot(along) - E_t  # (nv, nv, nv); the first index is the direction
+    B_q, B_error = _actuation_gradient(reduced, along, q)
+    mu_q = np.zeros((n, n))
+    mu_q[:m] = (reduced.constraints.rate_dot(along) - reduced.constraints.rate_dot(still)).T
+    # Derivatives of E v and of E w + Edot v at fixed v and w.
+    Ev_q = np.einsum("jab,b->aj", E_q, v) - mu_q
+    Ew_v = np.einsum("jab,j->ab", E_q, v) + E_t + Ev_q
+    drift_q, error = _drift_gradient(rows, Kinematics(reduced.robot, kinematics.time), q, v)
+    Ew_q = np.einsum("jab,b->aj", E_q, w) + drift_q
+
+    model = reduced.robot.model
+    data = model.createData()
+    tau_q, tau_v, _ = (np.array(each).reshape(n, n) for each in pin.computeRNEADerivatives(model, data, q, v, w))
+    # H* w + C* v + g* at a fixed acceleration w, whose change by q follows from the rows.
+    forces = np.array(pin.rnea(model, data, q, v, w))
+    if reduced.reduction_data.forces:
+        found = reduced.reduction_data.forces.gradient(state.motion, along)
+        forces, tau_q, tau_v = forces - state.passive_force, tau_q - found.q, tau_v - found.v
+        error += found.error
+    # An error in a column of B acts with the input of that column.
+    error += B_error * float(np.abs(T).sum())
     E_inverse, M, B, R = state.E_inverse, state.M, state.B, state.R
-    right = B @ T - found.forces
     # R^T times the balance has no multipliers, but R moves with q: its derivative acts on the whole force.
-    multipliers = E_inverse[:, : reduced.m].T @ right
-    force_q = found.input_q - np.einsum("jab,a->bj", found.E_q[:, : reduced.m], multipliers) - found.forces_q
+    multipliers = E_inverse[:, :m].T @ (B @ T - forces)
+    force_q = np.einsum("jab,b->aj", B_q, T) - np.einsum("jab,a->bj", E_q[:, :m], multipliers) - tau_q
 
     # A change of q also changes the velocity, by v_q, so that the rows keep their values.
-    v_q = -E_inverse @ found.Ev_q
+    v_q = -E_inverse @ Ev_q
     # Projected by R^T, the change of the balance gives the change of v2dot, without that of the multipliers.
     H_inverse_Rt = np.linalg.solve(R.T @ M @ R, R.T)
-    a_v = M @ E_inverse @ found.Ew_v - found.forces_v
-    a_q = force_q + M @ E_inverse @ found.Ew_q + a_v @ v_q
+    a_v = M @ E_inverse @ Ew_v - tau_v
+    a_q = force_q + M @ E_inverse @ Ew_q + a_v @ v_q
     by_state = H_inverse_Rt @ a_q, H_inverse_Rt @ (a_v @ R)
-    return StateDerivatives(state.v, v2_dot, v_q, R, *by_state, H_inverse_Rt @ B, found.error)
+    return StateDerivatives(state.v, v2_dot, v_q, R, *by_state, H_inverse_Rt @ B, error)
 
 
 def _smooth_at(reduced: ReducedModel, state: StateEvaluation) -> tuple[ReducedModel, StateEvaluation]:
@@ -171,57 +197,6 @@ def _smooth_at(reduced: ReducedModel, state: StateEvaluation) -> tuple[ReducedMo
         reduced = reduced.with_basis_at(state.q)
         state = reduced.at(state.q, state.v2)
     return reduced, state
-
-
-class _Partials(NamedTuple):
-    """Derivatives at one state of the balance of forces, ``E v`` and ``E w + Edot v``, at fixed v and w."""
-
-    E_q: Float[Array, "nv nv nv"]
-    """Of E; the first index is the direction."""
-    Ev_q: Float[Array, "nv nv"]
-    Ew_q: Float[Array, "nv nv"]
-    Ew_v: Float[Array, "nv nv"]
-    forces: Float[Array, " nv"]
-    """``H* w + C* v + g*``, passive forces included."""
-    forces_q: Float[Array, "nv nv"]
-    forces_v: Float[Array, "nv nv"]
-    input_q: Float[Array, "nv nv"]
-    """Of ``B T``."""
-    error: float
-    """Estimated error of finite differences."""
-
-
-def _partials(reduced: ReducedModel, state: StateEvaluation, w: Array, T: Array) -> _Partials:
-    q, v, n, m = state.q, state.v, reduced.n, reduced.m
-    rows = RowStack.joined(reduced.constraints, reduced.reducing)
-    time = reduced.reduction_data.kinematics.time if state.t is None else float(np.asarray(state.t))
-    kinematics = Kinematics(reduced.robot, time)
-    # Rates along the n unit velocities are the derivatives by q: one batch gives the whole tensor.
-    along = kinematics.position(np.tile(q, (n, 1))).with_velocity(np.eye(n))
-    still = kinematics.position(q).with_velocity(np.zeros(n))  # rates of rows over time that do not move
-    E_t = rows.jacobian_dot(still) if rows.turning else np.zeros((n, n))
-    E_q = rows.jacobian_dot(along) - E_t  # (nv, nv, nv); the first index is the direction
-    B_q, B_error = _actuation_gradient(reduced, along, q)
-    mu_q = np.zeros((n, n))
-    mu_q[:m] = (reduced.constraints.rate_dot(along) - reduced.constraints.rate_dot(still)).T
-    Ev_q = np.einsum("jab,b->aj", E_q, v) - mu_q
-    E_dot = np.einsum("jab,j->ab", E_q, v) + E_t
-    drift_q, error = _drift_gradient(rows, Kinematics(reduced.robot, kinematics.time), q, v)
-
-    model = reduced.robot.model
-    data = model.createData()
-    tau_q, tau_v, _ = (np.array(each).reshape(n, n) for each in pin.computeRNEADerivatives(model, data, q, v, w))
-    # H* w + C* v + g* at a fixed acceleration w, whose change by q follows from the rows.
-    forces = np.array(pin.rnea(model, data, q, v, w))
-    if reduced.reduction_data.forces:
-        found = reduced.reduction_data.forces.gradient(state.motion, along)
-        forces, tau_q, tau_v = forces - state.passive_force, tau_q - found.q, tau_v - found.v
-        error += found.error
-    Ew_q = np.einsum("jab,b->aj", E_q, w) + drift_q
-    # An error in a column of B acts with the input of that column.
-    error += B_error * float(np.abs(T).sum())
-    input_q = np.einsum("jab,b->aj", B_q, T)
-    return _Partials(E_q, Ev_q, Ew_q, E_dot + Ev_q, forces, tau_q, tau_v, input_q, error)
 
 
 def _by_differences(reduced: ReducedModel, state: StateEvaluation, T: Array) -> StateDerivatives:

@@ -19,7 +19,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from copy import copy
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import cast
@@ -186,22 +185,15 @@ def explore(
     return _Exploring(model, primary, candidates, regular_samples(model, samples, seed, region), seed).found()
 
 
-class _Bound:
-    """Kind of rows that are bound already."""
-
-    def __init__(self, rows: Rows) -> None:
-        self._rows = rows
-
-    def bind(self, robot: Robot) -> Rows:
-        return copy(self._rows)  # a system tells its rows their kind
-
-
 class _HeldRows(Rows):
     """Outputs at rest."""
 
     def __init__(self, outputs: RowStack) -> None:
         self._outputs, self.units = outputs, outputs.units
         self.names = tuple(f"held({name})" for name in outputs.names)
+
+    def bind(self, robot: Robot) -> Rows:
+        return self
 
     def jacobian(self, at: PositionKinematics) -> Array:
         return self._outputs.jacobian(at)
@@ -403,8 +395,9 @@ class _Exploring:
     @cached_property
     def _closures(self) -> list[tuple[Array, Array]]:
         """Jacobian of all outputs, and directions that brackets of the redundant motions reach, at a few samples."""
-        known = [_Bound(place.block) for place in self._reduced.all_constraints.places]
-        held = _Bound(_HeldRows(self._outputs.selected(tuple(self._first))))
+        # The system adds rows without a kind itself, such as those of mimic joints.
+        known = [place.block.kind for place in self._reduced.all_constraints.places if place.block.kind is not None]
+        held = _HeldRows(self._outputs.selected(tuple(self._first)))
         found: list[tuple[Array, Array]] = []
         most_closures, deepest = 3, 4  # configurations at which brackets are evaluated, and the order of these
         with suppress(RncError):

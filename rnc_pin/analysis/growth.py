@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
@@ -18,7 +18,6 @@ import scipy
 
 from rnc_pin.analysis.lie_brackets import FLOW_TIMES, BracketJets, Jets
 from rnc_pin.errors import ConstraintError, InfeasibleError, InputError, SingularityError
-from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.model.input_validation import is_count
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import printed
@@ -67,11 +66,6 @@ class GrowthEvidence:
     others: tuple[tuple[tuple[int, ...], int], ...]
     margin: float
     decided: bool
-
-    def to_dict(self) -> dict[str, Json]:
-        """Return lists and numbers that JSON can store."""
-        others = [{"growth_vector": vector, "samples": count} for vector, count in self.others]
-        return to_json_mapping({**asdict(self), "others": others}, "growth_evidence")
 
     def __str__(self) -> str:
         text = f"{self.agreeing} of {self.samples} samples agree"
@@ -251,32 +245,19 @@ def grow(reduced: ReducedModel, q: np.ndarray, reach: int = 0, limit: int = DEEP
     # From shallow to deep: most systems end early, and deep fits lose digits.
     for order in sorted({min(shallow, deepest), min(2 * shallow, deepest) if reach else deepest, deepest}):
         found = _deeper(jets, basis, order, rejected, reach)
-        if len(found.dimensions) < order or found.dimensions[-1] in (reduced.n, reach):
+        if len(found.vector) < order or found.vector[-1] in (reduced.n, reach):
             break
     assert found is not None
-    vector = (*first, *found.dimensions)
-    longest = len(found.dimensions) == limit
+    vector = (*first, *found.vector)
+    longest = len(found.vector) == limit
     last = vector.index(vector[-1]) + 1  # the levels after it add nothing
     doubtful, cut = found.doubtful or (longest and vector[-1] < reduced.n), longest and vector[-1] < reach
-    return Growth(vector[: max(last, 1)], found.basis, min(margin, found.margin), doubtful, cut)
+    return Growth(vector[: max(last, 1)], found.closure, min(margin, found.margin), doubtful, cut)
 
 
-@dataclass(frozen=True)
-class _Levels:
-    """Dimensions of the levels after the first brackets."""
-
-    dimensions: tuple[int, ...]
-    basis: np.ndarray
-    margin: float
-    doubtful: bool
-    error: float
-    crowded: bool
-    """True if a level has as many directions as there are functions: more functions might give more directions."""
-
-
-def _deeper(jets: BracketJets, basis: np.ndarray, order: int, rejected: float, reach: int) -> _Levels:
-    """Levels up to an order, from the first accurate flow time, or else from the most accurate one."""
-    tried = list[_Levels]()
+def _deeper(jets: BracketJets, basis: np.ndarray, order: int, rejected: float, reach: int) -> Growth:
+    """Levels after the first brackets, from the first accurate flow time, or else from the most accurate one."""
+    tried = list[tuple[float, Growth]]()
     failure: SingularityError | None = None
     fades = 0.2  # smallest ratio of the sizes of two successive levels, over the flow time
     accurate = 1e-8  # relative error of a level below which no shorter time is tried
@@ -284,25 +265,29 @@ def _deeper(jets: BracketJets, basis: np.ndarray, order: int, rejected: float, r
         generator = np.random.default_rng(0)
         try:
             drawn, fading = [jets.draw(order, time, generator)], fades * time
-            found = _levels(drawn, basis, rejected, fading, reach)
+            found, error, crowded = _levels(drawn, basis, rejected, fading, reach)
             # As many directions as functions: more functions show whether there are more directions.
-            while found.crowded and len(drawn) < basis.shape[0]:
+            while crowded and len(drawn) < basis.shape[0]:
                 drawn.append(jets.draw(order, time, generator))
-                found = _levels(drawn, basis, rejected, fading, reach)
-        except SingularityError as error:  # the flow reaches a singular configuration
-            failure = error
+                found, error, crowded = _levels(drawn, basis, rejected, fading, reach)
+        except SingularityError as singular:  # the flow reaches a singular configuration
+            failure = singular
             continue
-        tried.append(found)
-        if found.error < accurate:
+        tried.append((error, found))
+        if error < accurate:
             break
     if not tried:
         assert failure is not None
         raise failure
-    return min(tried, key=lambda each: each.error)
+    return min(tried, key=lambda each: each[0])[1]
 
 
-def _levels(drawn: Sequence[Jets], start: np.ndarray, rejected: float, fading: float, reach: int = 0) -> _Levels:
+def _levels(
+    drawn: Sequence[Jets], start: np.ndarray, rejected: float, fading: float, reach: int
+) -> tuple[Growth, float, bool]:
     """Levels from jets: their dimensions, with a margin over errors and over the values ``rejected`` so far.
+
+    Also return the error of their coefficients, and True if a level has as many directions as there are functions.
 
     Singular values are relative to the size of a level, or to ``fading`` times the size of the level before. If hardly
     anything depends on q, a level consists of rounding errors only.
@@ -345,7 +330,7 @@ def _levels(drawn: Sequence[Jets], start: np.ndarray, rejected: float, fading: f
         dimensions.append(bases[0].shape[1])
         if count == room:
             break
-    return _Levels(tuple(dimensions), bases[0], margin, doubtful, error, crowded)
+    return Growth(tuple(dimensions), bases[0], margin, doubtful), error, crowded
 
 
 def _with_first_brackets(basis: np.ndarray, vectors: np.ndarray) -> tuple[np.ndarray, float, float]:

@@ -30,15 +30,16 @@ from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.reduction_data import VelocityRows, best_entries
 from rnc_pin.model.rows import OutputKind, OutputRows, OutputStack
-from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin, counted, described, items
+from rnc_pin.printing import printed
 
 _STEADY = 1e-8  # largest acceleration that counts as zero, relative to the accelerations that gravity causes
 
 Coordinate = str | OutputKind
 
 
-@dataclass(frozen=True, repr=False)
-class Linearization(SummaryMixin):
+@printed()
+@dataclass(frozen=True)
+class Linearization:
     """``x' = A x + B u`` for small deviations ``x = (coordinates, v2 - v2_0)`` and ``u = T - T_0``.
 
     The arrays are what ``scipy.linalg.solve_continuous_are`` takes; :meth:`to_control` is for python-control.
@@ -107,21 +108,6 @@ class Linearization(SummaryMixin):
         states, inputs = ([each.replace(".", "_") for each in names] for names in (self.state_names, self.input_names))
         C, D = np.eye(len(states)), np.zeros_like(self.B)
         return control.ss(self.A, self.B, C, D, states=states, inputs=inputs, outputs=states)
-
-    def _summary(self) -> ObjectSummary:
-        states, inputs = counted(len(self.state_names), "state"), counted(len(self.input_names), "input")
-        lines: list[Line] = [
-            ("states", items(self.state_names)),
-            ("inputs", items(self.input_names)),
-            ("eigenvalues [1/s]", described(self.eigenvalues)),
-            ("A", described(self.A)),
-            ("B", described(self.B)),
-            ("q [rad or m]", described(self.q)),
-            ("v2 [rad/s or m/s]", described(self.v2)),
-            ("T [N or N m]", described(self.T)),
-            ("error of finite differences", [Item(f"{self.difference_error:.2g}")]),
-        ]
-        return ObjectSummary(f"Linearization x' = A x + B u: {states}, {inputs}", lines)
 
 
 def linearize(

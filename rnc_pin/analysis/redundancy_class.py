@@ -7,14 +7,13 @@ signs, the determinant is zero somewhere. Bisection between the two samples find
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 import scipy
 
 from rnc_pin.errors import ConstraintError, SingularityError
-from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.math.linear_algebra import weakest_rows
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.reduced_model import ReducedModel
@@ -43,12 +42,6 @@ class Evidence:
     A5_along_x22: float
     steering: float | None
 
-    def to_dict(self) -> dict[str, Json]:
-        """Return lists, numbers and strings that JSON can store."""
-        known = asdict(self)
-        steering = known.pop("steering")
-        return to_json_mapping(known if steering is None else {**known, "d(A3 v21)/dx22": steering}, "evidence")
-
 
 @printed()
 @dataclass(frozen=True)
@@ -68,11 +61,6 @@ class Redundancy:
     driven: tuple[str, ...]
     reason: str
     evidence: Evidence | None = None
-
-    def to_dict(self) -> dict[str, Json]:
-        """Return partition, numbers and reason as lists, numbers and strings that JSON can store."""
-        figures = {} if self.evidence is None else self.evidence.to_dict()
-        return {"tracked": list(self.tracked), "driven": list(self.driven), **figures, "reason": self.reason}
 
 
 def classify(reduced: ReducedModel, task: Task, configurations: np.ndarray, seed: int = 0) -> Redundancy:

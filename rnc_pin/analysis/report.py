@@ -128,8 +128,7 @@ class Report(SummaryMixin):
 
     def to_dict(self) -> dict[str, Json]:
         """Plain lists, numbers and strings, ready for JSON."""
-        own = {"redundancy": self.redundancy.to_dict(), "growth_evidence": self.growth_evidence.to_dict()}
-        return to_json_mapping({**asdict(self), **own}, "report")
+        return to_json_mapping(asdict(self), "report")
 
     def _summary(self) -> ObjectSummary:
         less = counted(self.rank, "independent row")

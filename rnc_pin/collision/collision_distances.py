@@ -32,6 +32,7 @@ from rnc_pin.collision.shapes import (
     convex_shape,
 )
 from rnc_pin.errors import InputError, ModelError, check_unique
+from rnc_pin.model.cached_property import once_per_model
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.input_validation import ConfigurationValidator
 from rnc_pin.model.kinematics import moving_entries
@@ -186,8 +187,6 @@ def _product(left: Float[Array, "*k 3 3"], right: Float[Array, "*k 3 c"]) -> Flo
 # ---------------------------------------------------------------------- distances
 
 
-_HULLS: WeakKeyDictionary[Robot, list[coal.CollisionGeometry]] = WeakKeyDictionary()
-"""Convex shapes of the links of each robot: hulls of meshes take most of the time of a construction."""
 _ALWAYS: WeakKeyDictionary[Robot, frozenset[tuple[int, int]]] = WeakKeyDictionary()
 """Pairs of shapes of each robot that touch in nearly all of its configurations: its file means no collision by them."""
 
@@ -248,7 +247,7 @@ class CollisionDistances:
         shapes = list(source.geometryObjects)
         links = [robot.model.frames[shape.parentFrame].name for shape in shapes]
         self.carriers = [int(shape.parentJoint) for shape in shapes] + [0] * len(self.obstacles)
-        self.shapes = [*_convex_shapes(robot, shapes), *(obstacle.shape for obstacle in self.obstacles)]
+        self.shapes = [*_convex_shapes(robot), *(obstacle.shape for obstacle in self.obstacles)]
         check_ignored_links(self.obstacles, robot)
         kept, omitted = select_pairs(robot.model, links, self.carriers[: len(shapes)], selection or PairSelection())
         kept += [
@@ -512,25 +511,20 @@ class CollisionDistances:
         return np.asarray(lines @ self._jacobian * self._signs.take(near, 0))
 
 
-def _convex_shapes(robot: Robot, shapes: Sequence[pin.GeometryObject]) -> list[coal.CollisionGeometry]:
-    """Convex shapes of the links; a hull is made once for each mesh of a robot."""
-    # Planner, controller and preflight each build distances of the same robot: its hulls are made once.
-    if robot not in _HULLS:
-        hulls: dict[bytes, coal.CollisionGeometry] = {}
-        _HULLS[robot] = [_convex_once(shape, hulls) for shape in shapes]
-    return _HULLS[robot]
-
-
-def _convex_once(shape: pin.GeometryObject, hulls: dict[bytes, coal.CollisionGeometry]) -> coal.CollisionGeometry:
-    """Convex shape of a link; equal meshes share a hull, by their vertices: Python's id of a shape changes."""
-    geometry = shape.geometry
-    if not isinstance(geometry, coal.BVHModelBase):
-        return convex_shape(geometry, shape.name)
-    # A wheel's mesh occurs four times in a car: one hull serves all.
-    key = np.array(geometry.vertices()).tobytes()
-    if key not in hulls:
-        hulls[key] = convex_shape(geometry, shape.name)
-    return hulls[key]
+@once_per_model
+def _convex_shapes(robot: Robot) -> tuple[coal.CollisionGeometry, ...]:
+    """Convex shapes of the links. Planner, controller and preflight each build distances of the same robot."""
+    assert robot.collision_model is not None
+    hulls: dict[bytes | str, coal.CollisionGeometry] = {}
+    keys = []
+    for shape in robot.collision_model.geometryObjects:
+        is_mesh = isinstance(shape.geometry, coal.BVHModelBase)
+        # A wheel's mesh occurs four times in a car: one hull serves all. Python's id of a shape changes.
+        key = np.array(shape.geometry.vertices()).tobytes() if is_mesh else shape.name
+        if key not in hulls:
+            hulls[key] = convex_shape(shape.geometry, shape.name)
+        keys.append(key)
+    return tuple(hulls[key] for key in keys)
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:

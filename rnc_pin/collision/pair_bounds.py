@@ -78,31 +78,39 @@ class JointSteps:
         return angular, linear
 
 
+_TURNS, _SLIDES = (1.0, 0.0), (0.0, 1.0)
+_GROUPS = {
+    "JointModelFreeFlyer": ((3, *_SLIDES), (3, *_TURNS)),
+    "JointModelPlanar": ((2, *_SLIDES), (1, *_TURNS)),
+    "JointModelTranslation": ((3, *_SLIDES),),
+    "JointModelSpherical": ((3, *_TURNS),),
+    "JointModelSphericalZYX": ((1, *_TURNS),) * 3,
+    "JointModelUniversal": ((1, *_TURNS),) * 2,
+}
+"""Components of a joint's velocity whose norms count: their number, and the rotation and translation by a unit norm."""
+
+
 def _parts(index: int, joint: pin.JointModel, lever: float, largest: Float[Array, "N nq"]) -> list[_Part]:
     """Parts of a joint whose origin is at most a lever [m] away from the origin of joint ``index``."""
-    kind, start, size = joint.shortname(), joint.idx_v, joint.nv
-    every = slice(start, start + size)
-    each = [slice(k, k + 1) for k in range(start, start + size)]
-    if kind == "JointModelFreeFlyer":
-        return [_Part(index, slice(start, start + 3), 0.0, 1.0), _Part(index, slice(start + 3, start + 6), 1.0, lever)]
-    if kind == "JointModelPlanar":
-        return [_Part(index, slice(start, start + 2), 0.0, 1.0), _Part(index, each[2], 1.0, lever)]
-    prismatic = ("JointModelP",)
-    if kind == "JointModelTranslation" or kind.startswith(prismatic):
-        return [_Part(index, every, 0.0, 1.0)]
-    if kind in ("JointModelSpherical",):
-        return [_Part(index, every, 1.0, lever)]
-    several_axes = ("JointModelSphericalZYX", "JointModelUniversal")
-    revolute = ("JointModelR",)  # bounded and unbounded, along an axis of the frame or not
-    if kind in several_axes or kind.startswith(revolute):
-        return [_Part(index, one, 1.0, lever) for one in each]
-    if kind.startswith(_HELICAL):
-        return [_Part(index, every, 1.0, lever + abs(float(_extracted(joint).pitch)))]
-    if kind == "JointModelEllipsoid":
-        return [_Part(index, one, 1.0, lever + _reach(joint, largest)) for one in each]
+    kind, size, start = joint.shortname(), joint.nv, joint.idx_v
+    prismatic, revolute = "JointModelP", "JointModelR"  # bounded and unbounded, along an axis of the frame or not
     if kind == "JointModelComposite":
         return _composite_parts(index, _extracted(joint), lever, largest)
-    raise ModelError(f"joint {index} is a {kind}: its motion between two configurations is not known")
+    if kind in _GROUPS:
+        groups = _GROUPS[kind]
+    elif kind.startswith(prismatic):
+        groups = ((size, *_SLIDES),)
+    elif kind.startswith(_HELICAL):
+        groups = ((size, 1.0, abs(float(_extracted(joint).pitch))),)
+    elif kind.startswith(revolute) or kind == "JointModelEllipsoid":
+        groups = ((1, 1.0, _reach(joint, largest)),) * size
+    else:
+        raise ModelError(f"joint {index} is a {kind}: its motion between two configurations is not known")
+    ends = np.cumsum([count for count, *_ in groups]).tolist()
+    return [
+        _Part(index, slice(start + end - count, start + end), angular, linear + angular * lever)
+        for (count, angular, linear), end in zip(groups, ends, strict=True)
+    ]
 
 
 def _composite_parts(

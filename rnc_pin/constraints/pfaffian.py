@@ -17,7 +17,7 @@ from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.coordinates import Coordinates, left_jacobian
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics, over_states
 from rnc_pin.model.rows import OutputKind, OutputRows, Rows
-from rnc_pin.model.user_functions import Function, Rate, UserFunction, central_difference, check_rate, derived_rate
+from rnc_pin.model.user_functions import Function, Rate, UserFunction, admitted_rate, central_difference, check_rate
 from rnc_pin.robots.robot import Robot
 
 _WHOSE = " of a Pfaffian constraint"
@@ -313,30 +313,26 @@ class _PfaffianRows(Rows):
         self.affine = kind.rate is not None
         self.holonomic = (kind.residual is not None,) * self._shape[0]
         self._functions: dict[str, UserFunction] = {}
-        self._admit("rows", "q", kind.rows)(*first)
+        self._admit("rows", kind.rows)(*first)
         self._admit_rate("rows", kind.rows_dot, robot)
         if kind.rate is not None:
-            self._admit("rate", "q", kind.rate)(*first)
+            self._admit("rate", kind.rate)(*first)
             self._admit_rate("rate", kind.rate_dot, robot)
         if kind.residual is not None:
             labels = "residual(q)", f"rows(q) v{_WHOSE}" + (", less rate(q)," if self.affine else "")
-            residual, timed = self._admit("residual", "q", kind.residual), self.rheonomic
+            residual, timed = self._admit("residual", kind.residual), self.rheonomic
             check_rate(robot, residual, self._residual_rate, labels, self.names, angular=True, timed=timed)
 
-    def _admit(self, name: str, arguments: str, function: Function) -> UserFunction:
+    def _admit(self, name: str, function: Function) -> UserFunction:
         """Keep a function of the user, with its results admitted."""
-        shape = self._shape if name.startswith("rows") else self._shape[:1]
-        self._functions[name] = UserFunction(function, shape, f"{name}({arguments}){_WHOSE}")
+        shape = self._shape if name == "rows" else self._shape[:1]
+        self._functions[name] = UserFunction(function, shape, f"{name}(q){_WHOSE}")
         return self._functions[name]
 
     def _admit_rate(self, name: str, given: Rate | None, robot: Robot) -> None:
         """Keep the rate of a function: the user's, or a derived one."""
-        function, timed = self._functions[name], self.rheonomic
-        if given is not None:
-            labels = f"{name}(q)", f"{name}_dot(q, v){_WHOSE}"
-            check_rate(robot, function, given, labels, self.names, timed=timed)
-        rate = given or derived_rate(robot, function, f"{name}(q){_WHOSE}", timed)
-        self._admit(f"{name}_dot", "q, v", rate)
+        known = given, name, _WHOSE, self.names, self.rheonomic
+        self._functions[f"{name}_dot"] = admitted_rate(robot, self._functions[name], *known)
 
     def _residual_rate(self, q: Array, v: Array, *t: float) -> Array:
         """Rate (k,) that the residual has by the rows."""

@@ -18,7 +18,7 @@ from rnc_pin.constraints.rolling_body import RollingBody
 from rnc_pin.constraints.surfaces import CurvedGround, Torus, admit_ground
 from rnc_pin.errors import ConfigurationError, ConstraintError
 from rnc_pin.math.linear_algebra import Entry, cross, dot
-from rnc_pin.model.frame_rows import FLAT, DirectionRows, OffsetFrame, frame_direction
+from rnc_pin.model.frame_rows import FLAT, DirectionRows, OffsetFrame, evaluated, frame_direction
 from rnc_pin.model.input_validation import Axis, Positive, Vector, is_number
 from rnc_pin.model.kinematics import OWN_AXES, Kinematics, PositionKinematics
 from rnc_pin.model.rows import Friction, GroundContact, Rows, check_defined
@@ -97,26 +97,21 @@ class RollingWheel:
             rim, rpy = Torus(self.radius), tuple(pin.rpy.matrixToRpy(turned).tolist())
             return RollingBody(self.frame, rim, rpy=rpy, ground=ground).bind(robot)
         plane = admit_plane(self.ground, f"wheel '{self.frame}'")
-        rows = RollingRows(self.frame, self.radius, axle, _parts(self), _friction(self), plane, robot)
+        rows = RollingRows(self.frame, self.radius, axle, *_parts(self), plane, robot)
         return on_carrier(rows, self.frame, self.ground, robot)
 
 
-def _friction(kind: RollingWheel) -> Friction:
-    """Directions of friction on the ground."""
-    if kind.roller is None:
-        return "all" if kind.lateral else "longitudinal"
-    # cos(pi/2) and the like leave 1e-17 in angles that users compute.
-    return "oblique" if abs(kind.roller) > 1e-9 else "longitudinal"
-
-
-def _parts(kind: RollingWheel) -> dict[str, Vector]:
-    """Word of each row, with its weights of the rolling, lateral and vertical rows."""
+def _parts(kind: RollingWheel) -> tuple[dict[str, Vector], Friction]:
+    """Word of each row, with its weights of the rolling, lateral and vertical rows; and the directions of friction."""
     parts: dict[str, Vector] = {"rolling": (1.0, 0.0, 0.0)}
+    friction: Friction = "longitudinal"
     if kind.roller is not None:
         parts = {"roller": (float(np.cos(kind.roller)), float(np.sin(kind.roller)), 0.0)}
+        # cos(pi/2) and the like leave 1e-17 in angles that users compute.
+        friction = "oblique" if abs(kind.roller) > 1e-9 else friction
     elif kind.lateral:
-        parts["lateral"] = (0.0, 1.0, 0.0)
-    return parts | {"vertical": (0.0, 0.0, 1.0)} if kind.vertical else parts
+        parts["lateral"], friction = (0.0, 1.0, 0.0), "all"
+    return parts | {"vertical": (0.0, 0.0, 1.0)} if kind.vertical else parts, friction
 
 
 def _joint_axis(name: str, robot: Robot) -> np.ndarray:
@@ -211,8 +206,7 @@ class RollingRows(DirectionRows):
         self.combination = None if len(parts) == 3 else np.array(list(parts.values()))
         self.ground = None if plane.is_default else plane
         self._point, self._up = np.asarray(plane.point), plane.axes[2]
-        # ``a @ skew(n)`` is ``a x n`` for stacks of axles, without the overhead of numpy.cross.
-        self._normal, self._turned = self._up.tolist(), pin.skew(self._up)
+        self._normal = self._up.tolist()
         self.twist, self.affine = plane.twist, plane.moves
 
     def regularity(self, *directions: Sequence[Entry]) -> Entry:
@@ -239,16 +233,14 @@ class RollingRows(DirectionRows):
 
     def _contact(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
         """Contact points (..., 3), and the directions of rolling, lateral and vertical rows there (..., 3, 3)."""
-        place, normal = at.placement(self.frame), self._up
-        axle = place.rotation @ self.axle
-        across = axle @ self._turned  # a x n
-        s, z = np.sqrt(np.vecdot(across, across))[..., None], np.asarray(axle @ normal)[..., None]
-        check_defined(self.undefined, at.q, s[..., 0], FLAT, self.names)
-        heading = across / s
-        sideways = heading @ self._turned.T  # n x h
-        directions = np.empty((*heading.shape, 3))
-        directions[..., 0, :], directions[..., 1, :], directions[..., 2, :] = heading, sideways, normal
-        return place.translation + self.radius * (z * sideways - s * normal), directions
+        self.check_defined(at)
+        place = at.placement(self.frame)
+        wrenches = evaluated(self.formula, self.world_directions(place.rotation))
+        directions, moments = wrenches[..., :3], wrenches[..., 3:]
+        # The contact is beside the wheel's heading: only its arm up and sideways gives moments about the heading.
+        sideways, down = (np.vecdot(moments[..., k, :], directions[..., 0, :])[..., None] for k in (2, 1))
+        arm = sideways * directions[..., 1, :] - down * directions[..., 2, :]
+        return place.translation + arm, directions
 
     def residual(self, at: PositionKinematics) -> np.ndarray:
         height = (self._contact(at)[0] - self._point) @ self._up

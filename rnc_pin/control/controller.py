@@ -10,7 +10,7 @@ saved, resumed and replayed bit for bit:
 ``SimulationOptions.controller_state`` and gives each new state to its observer, as ``Sample.state``.
 
 Further methods are optional. ``describe()``, which controllers of this package implement, puts gains in the record of a
-run. ``findings`` of ``SelfJudging`` and ``missed_goals`` of ``Ending`` add findings to its verdict.
+run. ``findings`` of ``SelfJudging`` and ``missed_goals`` add findings to its verdict.
 """
 
 from __future__ import annotations
@@ -323,35 +323,13 @@ class MissedGoal(NamedTuple):
 
 
 @runtime_checkable
-class Nesting(Protocol):
-    """Controller with another one as its ``target``, or the state of such a controller."""
-
-    @property
-    def target(self) -> object: ...
-
-
-@runtime_checkable
-class Ending(Protocol):
-    """Controller that tells which of its goals a run has missed that ends in a state."""
-
-    def missed_goals(self, t: float, q: Float[Array, " nq"], v2: Float[Array, " r"]) -> Iterable[MissedGoal]: ...
-
-
-@runtime_checkable
-class Limiting(Protocol):
-    """Controller that limits accelerations."""
-
-    limited_accelerations: tuple[LimitedAcceleration, ...]
-
-
-@runtime_checkable
 class VelocityGiving(Protocol):
     """Controller whose inputs may be velocities of the actuators."""
 
     gives_velocities: bool
 
 
-def nested(whole: object) -> Iterator[object]:
+def nested(whole: Any) -> Iterator[Any]:
     """Iterate over a controller or a state, and those within it as ``target``, from the outermost.
 
     Args:
@@ -359,7 +337,7 @@ def nested(whole: object) -> Iterator[object]:
     """
     # A state has the path of its controller: the state of an inner one is found by the same steps.
     yield whole
-    while isinstance(whole, Nesting):
+    while hasattr(whole, "target"):
         whole = whole.target
         yield whole
 
@@ -402,7 +380,7 @@ def missed_goals(
         v2: reduced velocity (r,).
     """
     # The outermost one: a controller may have other goals than its target.
-    found = next((each for each in nested(controller) if isinstance(each, Ending)), None)
+    found = next((each for each in nested(controller) if hasattr(each, "missed_goals")), None)
     return () if found is None else tuple(found.missed_goals(t, q, v2))
 
 
@@ -412,5 +390,5 @@ def limited_accelerations(controller: object) -> tuple[LimitedAcceleration, ...]
     Args:
         controller: any controller; one without limits has none.
     """
-    found = next((each for each in nested(controller) if isinstance(each, Limiting)), None)
+    found = next((each for each in nested(controller) if hasattr(each, "limited_accelerations")), None)
     return () if found is None else found.limited_accelerations

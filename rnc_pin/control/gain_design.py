@@ -438,17 +438,12 @@ def _no_gains(
             f"{f' with a delay of {delay:g} s' if delay else ''} allows {high:.3g}; the inertia is most uneven{where}, "
             f"with {least:.3g} to {most:.3g} of its typical value"
         )
-    error = InfeasibleError(f"no velocity gains suit this region: {cause}{_sampling(period)}")
+    shortest = 1e-4  # [s]; control loops that sample faster are rare, so no message asks for it
+    faster = f"; sample faster, at least every {period:.2g} s" if period >= shortest else ""
+    remedy = faster if period else "; the delay is too long for any sampling"
+    error = InfeasibleError(f"no velocity gains suit this region: {cause}{remedy}")
     error.q, error.time, error.rows, error.singular_value = at.q[place].copy(), time, rows, float(values[place])
     return error
-
-
-def _sampling(period: float) -> str:
-    """Words on the effect of a shorter sampling period; none if no loop is that fast."""
-    shortest = 1e-4  # [s]; control loops that sample faster are rare, so no message asks for it
-    if period >= shortest:
-        return f"; sample faster, at least every {period:.2g} s"
-    return "" if period else "; the delay is too long for any sampling"
 
 
 def _place(time: float | None, q: np.ndarray) -> str:

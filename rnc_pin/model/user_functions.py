@@ -163,6 +163,27 @@ def derived_rate(robot: Robot, function: Callable[..., np.ndarray], label: str, 
     return partial(_flow, robot.model, function, _STEPS[0])
 
 
+def admitted_rate(
+    robot: Robot, function: UserFunction, given: Rate | None, label: str, whose: str, names: Sequence[str], timed: bool
+) -> UserFunction:
+    """Return the rate of a user's function: the given one if it agrees with differences, or a derived one.
+
+    Args:
+        robot: the robot.
+        function: the function.
+        given: rate that the user gave, if any.
+        label: name of the function in messages.
+        whose: words after it.
+        names: name of each row of its values.
+        timed: True for a function of q and t.
+    """
+    what = f"{label}_dot(q, v){whose}"
+    # A rate that is wrong by a sign leaves the function right: only differences at moving states show it.
+    if given is not None:
+        check_rate(robot, function, given, (f"{label}(q)", what), names, timed=timed)
+    return UserFunction(given or derived_rate(robot, function, f"{label}(q){whose}", timed), function.shape, what)
+
+
 def check_rate(
     robot: Robot,
     function: Function,

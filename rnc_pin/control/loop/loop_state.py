@@ -7,6 +7,7 @@ no code. Before the loop resumes from it, the controller takes one trial step.
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple, TypeAlias, TypedDict
 
@@ -145,17 +146,19 @@ def _check_memory(found: object, initial: object, after: object, where: str = "c
     Raises:
         InputError: the type or shape differs, or a number is not finite or too large.
     """
-    models = [each for each in (initial, after) if each is not None]
+    known = _parts(initial, where), _parts(after, where)
+    for name, value in _parts(found, where).items():
+        start, *_ = both = [parts.get(name) for parts in known]
+        _check_value(value, [each for each in both if each is not None], start, name)
+
+
+def _check_value(found: object, models: Sequence[object], initial: object, where: str) -> None:
+    """Check a part of a stored value against the parts of valid ones; ``initial`` may have unknown values."""
     if found is None or (not models and not isinstance(found, tuple | dict | np.ndarray | float | int | str)):
         return
     if isinstance(found, dict | tuple | str):
         if models and not any(type(each) is type(found) for each in models):
             raise InputError(f"{where} is a {type(found).__name__}, expected a {type(models[0]).__name__}")
-        fields = {} if isinstance(found, str) else found if isinstance(found, dict) else dict(enumerate(found))
-        names = getattr(found, "_fields", None)
-        for key, value in fields.items():
-            name = key if names is None else names[key]
-            _check_memory(value, _item(initial, key), _item(after, key), f"{where}.{name}")
         return
     numbers = [each for each in models if not isinstance(each, str | tuple | dict)]
     if models and not numbers:
@@ -172,11 +175,13 @@ def _check_memory(found: object, initial: object, after: object, where: str = "c
         raise InputError(f"{where} has shape {shape}, expected {shapes[0]}")
 
 
-def _item(model: object, key: str | int) -> object:
-    """Return ``model[key]``; None if there is no such item."""
-    if isinstance(model, dict):
-        return model.get(key)
-    return model[key] if isinstance(model, tuple) and isinstance(key, int) and key < len(model) else None
+def _parts(value: object, name: str) -> dict[str, object]:
+    """A value and all parts of its tuples and mappings, by name, the whole before its parts."""
+    entries = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, tuple) else ()
+    names, found = getattr(value, "_fields", None), {name: value}
+    for key, each in entries:
+        found |= _parts(each, f"{name}.{key if names is None else names[key]}")
+    return found
 
 
 def _is_number(value: object) -> bool:
@@ -249,14 +254,6 @@ def _unpack(content: _Value, arrays: dict[str, Array], known: dict[str, type]) -
     return tuple(items) if kind is tuple else kind(*items)
 
 
-def _collect(value: object, known: dict[str, type]) -> None:
-    """Add the tuple types of a value to ``known``."""
-    if isinstance(value, tuple):
-        known[type(value).__qualname__] = type(value)
-    for each in value.values() if isinstance(value, dict) else value if isinstance(value, tuple | list) else ():
-        _collect(each, known)
-
-
 def _read_state(path: Path, reduced: ReducedModel, controller: Controller) -> tuple[LoopState, State]:
     """Read a file of ``write_state``; also return the initial state of the controller at its configuration.
 
@@ -275,7 +272,9 @@ def _read_state(path: Path, reduced: ReducedModel, controller: Controller) -> tu
             here = reduced.at(_unpack(fields["q"], arrays, known), v=np.zeros(reduced.n), t=0.0)
             initial = controller.initial_state(here.measure(np.zeros(reduced.r)))
             # The controller's own tuples are valid too: only it can tell their types.
-            _collect(initial, known)
+            known |= {
+                type(each).__qualname__: type(each) for each in _parts(initial, "").values() if isinstance(each, tuple)
+            }
         found = {name: _unpack(each, arrays, known) for name, each in fields.items()}
         return LoopState(**found), initial  # type: ignore[arg-type]  # ``check_state`` checks each field
     except FileNotFoundError:

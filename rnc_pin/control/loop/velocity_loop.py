@@ -12,7 +12,7 @@ from rnc_pin.control.actuator_velocity import ActuatorVelocityController, driven
 from rnc_pin.control.controller import Controller, KinematicController
 from rnc_pin.control.loop.control_loop import ControlLoop
 from rnc_pin.control.loop.options import GuardOptions, LoopOptions, admit_controller, admit_model
-from rnc_pin.errors import ConfigurationError, check_known, nearest
+from rnc_pin.errors import check_known, place_of
 from rnc_pin.model.kinematics import OWN_AXES, Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import printed
@@ -132,7 +132,9 @@ class VelocityLoop(VelocityInputLoop):
         self._base_entries = _BASES.get(robot.model.joints[1].shortname()) if robot.model.njoints > 1 else None
         self._kinematics = Kinematics(robot)
         self.joints = driven_joints(reduced) if joints is None else tuple(joints)
-        self._entries = np.array([_entry(reduced, name) for name in self.joints], dtype=int)
+        for name in self.joints:
+            place_of(name, robot.single_joint_names, "no joint with one degree of freedom")
+        self._entries = np.array([robot.velocity_indices(name).start for name in self.joints], dtype=int)
 
     def step(  # type: ignore[override]  # a command of velocities, in place of inputs
         self,
@@ -186,12 +188,3 @@ class VelocityLoop(VelocityInputLoop):
             return BaseTwist(0.0, 0.0, 0.0)
         velocity = self._kinematics.position(self.state.q).jacobian(self._base, OWN_AXES) @ v
         return BaseTwist(*velocity[[0, 1, 5]].tolist())
-
-
-def _entry(reduced: ReducedModel, name: str) -> int:
-    """Return the index in v of a joint with one degree of freedom."""
-    robot = reduced.robot
-    single = robot.single_joint_names
-    if name not in single:
-        raise ConfigurationError(f"no joint '{name}' with one degree of freedom{nearest(name, single)}")
-    return int(robot.velocity_indices(name).start)
