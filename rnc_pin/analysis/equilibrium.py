@@ -150,8 +150,6 @@ class _Point(NamedTuple):
     """Unbalanced forces over the square roots of the inertias that they act on, (r,)."""
     gap: Array
     """Errors of the holonomic rows."""
-    names: tuple[str, ...]
-    """Names of the accelerations, (r,)."""
     v2: Array
     shape_rates: Array
     """Part of v (nv,) outside the symmetries; empty at rest."""
@@ -210,7 +208,8 @@ class _Search:
             changes = f"the shape variable '{name}' moves by {here.shape_rates[worst]:.3g} a second"
         else:
             worst = int(np.argmax(np.abs(here.v2_dot)))
-            changes = f"the rate of '{here.names[worst]}' changes by {here.v2_dot[worst]:.3g} a second"
+            name = self._settled(here.q).reducing.names[worst]
+            changes = f"the rate of '{name}' changes by {here.v2_dot[worst]:.3g} a second"
         return ConstraintError(f"no {kind} found near the guess: at best " + changes + apart)
 
     def _ahead(self, here: _Point) -> _Point | None:
@@ -275,7 +274,7 @@ class _Search:
         rates = np.zeros(0)
         if self._symmetries is not None:
             rates = state.v - self._symmetries.directions(q) @ self._symmetries.coefficients(q, state.v)
-        return _Point(q, T, state.v2_dot(T), influence @ T - needed, gap, reduced.reducing.names, v2, rates)
+        return _Point(q, T, state.v2_dot(T), influence @ T - needed, gap, v2, rates)
 
     def _settled(self, q: Array) -> ReducedModel:
         """Model with the rows selected at q; its reducing outputs may change only in a search at rest."""

@@ -25,7 +25,6 @@ from rnc_pin.errors import ConfigurationError, InputError, short_text
 from rnc_pin.io.json import Json
 from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.printing import ReprMixin, printed
-from rnc_pin.references.reference import Reference
 from rnc_pin.verdict import Finding
 
 State: TypeAlias = Any
@@ -193,11 +192,7 @@ def _setting(value: object) -> Json:
     return dict(describe(value))
 
 
-class _Sized(Protocol):
-    size: int
-
-
-def check_size(reference: Reference | _Sized, size: int, what: str) -> None:
+def check_size(reference: object, size: int, what: str) -> None:
     """Raise an error if the size of a reference differs from the number of its outputs.
 
     Args:
@@ -206,12 +201,13 @@ def check_size(reference: Reference | _Sized, size: int, what: str) -> None:
         what: word for these outputs, for the message.
     """
     # An array has a size too: a user who gives values means a constant reference.
-    if not hasattr(reference, "size") or isinstance(reference, np.ndarray):
+    found = None if isinstance(reference, np.ndarray) else getattr(reference, "size", None)
+    if found is None:
         raise ConfigurationError(
             f"the {what} reference has to be one such as rnc.planning.Hold(values), found {short_text(reference)}"
         )
-    if reference.size != size:
-        raise ConfigurationError(f"the {what} reference has {reference.size} values for {size} outputs")
+    if found != size:
+        raise ConfigurationError(f"the {what} reference has {found} values for {size} outputs")
 
 
 def check_target(target: object) -> None:
