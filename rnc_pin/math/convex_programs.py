@@ -19,20 +19,10 @@ import numpy as np
 from rnc_pin.array_shapes import Array, Float
 
 
-class ConeMargin(NamedTuple):
-    """Solution of a stack of programs."""
-
-    margin: Float[Array, " N"]
-    """Largest margin e."""
-    z: Float[Array, "N d"]
-    duals: Float[Array, "N m k"]
-    """Derivative of the margin by each vector [n_i; t_i]."""
-
-
 def cone_margin(
     offset: Float[Array, "N m k"], gain: Float[Array, "N m k d"], weights: Float[Array, "N m"] | None = None
-) -> ConeMargin:
-    """Return the largest margin of vectors ``offset + gain z``.
+) -> tuple[Float[Array, " N"], Float[Array, "N d"]]:
+    """Return the largest margins e of vectors ``offset + gain z``, and z.
 
     Args:
         offset: vectors at z = 0; the first component is the one along the axis of the cone.
@@ -67,13 +57,13 @@ def cone_margin(
     x[:, d] = ((h[:, :m, 0] - np.linalg.norm(h[:, :m, 1:], axis=2)) / w).min(axis=1, initial=0.0) - 1.0
     duals[:, :, 0] = 1.0 / ((m + 1) * np.append(w, np.ones((N, 1)), axis=1))
     with np.errstate(all="ignore"):  # programs that are solved go on without steps
-        x, duals = _interior(h, G, still, x, duals)
+        x = _interior(h, G, still, x, duals)
     z = np.vecmat(size * x[:, :d] / np.where(acts, effects[:, :d], 1.0), inputs[:, :d])
-    return ConeMargin(x[:, d] * (size / heaviest)[:, 0], z, duals[:, :m] / heaviest[:, :, None])
+    return x[:, d] * (size / heaviest)[:, 0], z
 
 
-def _interior(h: Array, G: Array, still: Array, x: Array, duals: Array) -> tuple[Array, Array]:
-    """Unknowns x and duals at the largest last component of x, with ``h - G x`` in the cones."""
+def _interior(h: Array, G: Array, still: Array, x: Array, duals: Array) -> Array:
+    """Unknowns x at the largest last component of x, with ``h - G x`` in the cones."""
     N, cones, k = h.shape
     aim, one = np.zeros(x.shape[1]), np.zeros(k)
     aim[-1], one[0] = -1.0, 1.0
@@ -108,7 +98,7 @@ def _interior(h: Array, G: Array, still: Array, x: Array, duals: Array) -> tuple
         x = x + length[:, None] * np.where(going[:, None], steps[0], 0.0)
         by_dual = np.where(going[:, None, None], np.matvec(W_inverse, steps[2]), 0.0)
         slack, duals = h - _times(G, x), duals + length[:, None, None] * by_dual
-    return x, duals
+    return x
 
 
 def _direction(right: Array, H: Array, normal: Array, left: Array) -> tuple[Array, Array, Array]:
@@ -135,7 +125,7 @@ def least_shares(
         Shares, 0 for contacts that only push; NaN if no forces push at all contacts.
     """
     shares = np.full(offset.shape[:2], np.nan)
-    z = cone_margin(offset[:, :, :1], gain[:, :, :1]).z
+    _, z = cone_margin(offset[:, :, :1], gain[:, :, :1])
     found = _shares(offset + _times(gain, z), friction)
     going = np.flatnonzero(np.isfinite(found).all(axis=1))
     shares[going] = found[going]
@@ -155,7 +145,7 @@ def least_shares(
         wide = np.concatenate(
             [axis[:, :, None], np.broadcast_to(friction[:, None] > 0, (*axis.shape, offset.shape[2] - 1))], axis=2
         )
-        best = cone_margin(wide * offsets, wide[:, :, :, None] * gains, scale * loads).z
+        _, best = cone_margin(wide * offsets, wide[:, :, :, None] * gains, scale * loads)
         found = _shares(offsets + _times(gains, best), friction)
         # Shares fall in every round until rounding: a round that gains nothing ends a program.
         better = found.max(axis=1) < (1 - least_progress) * worst
