@@ -14,6 +14,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.legend import Legend
 from matplotlib.legend_handler import HandlerTuple
 from matplotlib.lines import Line2D
@@ -23,7 +24,7 @@ from matplotlib.ticker import NullLocator
 from matplotlib.transforms import Affine2D
 
 from rnc_pin.figures import style as st
-from rnc_pin.figures.panel import GAP, LABEL_ROOM, MAX_LINES, TIME, Grid, Labels, Panel, Series, Sheet
+from rnc_pin.figures.panel import LABEL_ROOM, MAX_LINES, Labels, Panel, Series, Sheet
 from rnc_pin.printing import printed
 
 
@@ -38,9 +39,6 @@ class PlaneView(NamedTuple):
     draw: Callable[[Axes], Sequence[st.LegendEntry]]
     aspect: float
 
-
-# Lengths in sizes of the text:
-_PAD = 0.5  # width between numbers and labels
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -71,25 +69,29 @@ def panel_figure(
     Raises:
         InputError: the panels do not fit the height of the sheet.
     """
-    texts = labels or Labels()
-    grid, above = sheet.grid_of(len(panels), None if view is None else view.aspect)
+    texts, timed = labels or Labels(), list[Axes]()
+    grid, view_rows = sheet.grid_of(len(panels), None if view is None else view.aspect)
     character, line_height = 0.62, 1.5  # width of a bold character and height of a line, over the size of the text
     title_lines = 3  # largest number of lines of a title
     above_axes = 0.8  # height above the first axes, for half a number
     with mpl.rc_context(st.style(sheet.font)):
         figure = st.PrintFigure((grid.width, sheet.height or 4.0))
+        cells, over = figure.add_gridspec(grid.rows, grid.columns), [0.0] * grid.rows
         room = None if sheet.is_beside(grid) else sheet.in_text(grid.width / grid.columns) - LABEL_ROOM
-        cells: list[_Cell] = []
+
+        def add_legend(axes: Axes, row: int, entries: Sequence[st.LegendEntry], note: str) -> None:
+            if entries:
+                extent = _legend(axes, entries, note, room).get_window_extent()
+                over[row] = max(over[row], 0.0 if room is None else sheet.in_text(extent.height / figure.dpi))
+
         if view is not None:
-            axes = figure.add_subplot()
-            cells.append(_Cell(axes, 0, range(above), _legend(axes, view.draw(axes), "", room)))
-        timed: list[Axes] = []
-        for place, panel in enumerate(panels, start=above):
-            axes = figure.add_subplot(sharex=timed[0] if timed else None)
-            timed.append(axes)
-            entries, note = _draw(axes, panel, time, compared or {}, texts, name)
+            axes = figure.add_subplot(cells[:view_rows, 0])
+            add_legend(axes, 0, view.draw(axes), "")
+        for place, panel in enumerate(panels, start=view_rows):
             column, row = divmod(place, grid.rows)
-            cells.append(_Cell(axes, column, range(row, row + 1), _legend(axes, entries, note, room)))
+            axes = figure.add_subplot(cells[row, column], sharex=timed[0] if timed else None)
+            timed.append(axes)
+            add_legend(axes, row, *_draw(axes, panel, time, compared or {}, texts, name))
             last = row == grid.rows - 1 or panel is panels[-1]
             if last:
                 axes.set_xlabel(f"{texts.text('time')} [s]")
@@ -97,98 +99,14 @@ def panel_figure(
         width = max(20, int(sheet.in_text(grid.width) / character))
         lines = textwrap.wrap(title or "", width, max_lines=title_lines, placeholder="...")
         if lines:
-            shown = figure.suptitle("\n".join(map(st.escape, lines)), x=0.01, ha="left")
-        over = [0.0] * grid.rows
-        for cell in cells if room is not None else ():
-            over[cell.rows[0]] = max(over[cell.rows[0]], cell.legend_size[1])
-        top = above_axes + (line_height * len(lines) + _PAD if lines else 0.0)
-        height, of_axes = sheet.heights(grid, sum(over) + top)
+            figure.suptitle("\n".join(map(st.escape, lines)), x=0.01, ha="left")
+        height, of_axes = sheet.heights(grid, sum(over) + above_axes + line_height * len(lines))
         figure.set_size_inches(grid.width, height)
-        if lines:
-            shown.set_y(1.0 - _PAD / sheet.in_text(height))
         for axes, panel in zip(timed, panels, strict=True):
             axes.set_ylabel(_axis_label(panel, texts, of_axes))
-        tops = [top + sum(over[: row + 1]) + row * (of_axes + GAP) for row in range(grid.rows)]
-        for column in range(grid.columns):
-            _arrange([cell for cell in cells if cell.column == column], grid, tops, of_axes, room is None)
+        # Once, and here: each ``savefig`` would measure all texts again.
+        ConstrainedLayoutEngine().execute(figure)
     return figure
-
-
-@dataclass
-class _Cell:
-    """Axes in a column of a figure, over one or several rows. Lengths are in sizes of the figure's text."""
-
-    axes: Axes
-    column: int
-    rows: range
-    legend: Legend | None
-
-    def in_text(self, pixels: float) -> float:
-        """Length on the figure in sizes of its text."""
-        figure = self.axes.get_figure(root=True)
-        assert figure is not None
-        return float(pixels / figure.dpi * 72.0 / mpl.rcParams["font.size"])
-
-    @property
-    def legend_size(self) -> tuple[float, float]:
-        """Width and height of the legend as Matplotlib measures it."""
-        if self.legend is None:
-            return 0.0, 0.0
-        extent = self.legend.get_window_extent()
-        return self.in_text(extent.width), self.in_text(extent.height)
-
-    def ticks(self) -> float:
-        """Width of the numbers of the vertical axis."""
-        axis = self.axes.yaxis
-        axis.set_label_coords(0.0, 0.5)  # where it is placed later; Matplotlib then looks for no place
-        axis.label.set_visible(False)
-        extent = axis.get_tightbbox()
-        axis.label.set_visible(True)
-        return 0.0 if extent is None else self.in_text(self.axes.bbox.x0 - extent.x0)
-
-
-def _arrange(cells: Sequence[_Cell], grid: Grid, tops: Sequence[float], height: float, beside: bool) -> None:
-    """Place the axes of a column, with their labels in a line. Lengths are in sizes of the text.
-
-    Each vertical axis is measured once: Matplotlib's constrained layout measures all axes four times.
-
-    Args:
-        cells: the axes.
-        grid: the grid of the figure in its final size.
-        tops: distance of the axes of each row from the top of the figure.
-        height: height of the axes of a row.
-        beside: True if legends are beside the axes.
-    """
-    figure = cells[0].axes.figure
-    width, whole = (cells[0].in_text(pixels) for pixels in figure.bbox.size)
-    side = 1.6  # width at the right of the axes
-    right = side + (max(cell.legend_size[0] for cell in cells) if beside else 0.0)
-
-    def place(left: float) -> None:
-        for cell in cells:
-            end = tops[cell.rows[-1]] + height
-            if cell.axes.get_xlabel() and cell is not cells[-1]:
-                end -= TIME - GAP
-            start = cell.column * width / grid.columns + left
-            across, down = width / grid.columns - left - right, end - tops[cell.rows[0]]
-            cell.axes.set_position((start / width, 1.0 - end / whole, across / width, down / whole))
-            cell.axes.apply_aspect()
-
-    # First with room for a label of usual size, to measure the numbers; then with the room that they need. With equal
-    # scales, this room changes the limits and perhaps the numbers: they are measured once more.
-    lines = max(1 + cell.axes.get_ylabel().count("\n") for cell in cells)
-    label_line = 1.35  # width of a line of a label
-    left, ticks = LABEL_ROOM, 0.0
-    for _ in range(1 + any(cell.axes.get_aspect() != "auto" for cell in cells)):
-        place(left)
-        ticks = max(ticks, *(cell.ticks() + _PAD for cell in cells))
-        left = ticks + label_line * lines + _PAD
-    place(left)
-    numbers_height = 1.9  # of the time
-    for cell in cells:
-        across, down = (cell.in_text(pixels) for pixels in cell.axes.bbox.size)
-        cell.axes.yaxis.set_label_coords(-ticks / across, 0.5)
-        cell.axes.xaxis.set_label_coords(0.5, -numbers_height / down)
 
 
 def _axis_label(panel: Panel, texts: Labels, height: float) -> str:
@@ -270,7 +188,7 @@ def _limit_axis(axes: Axes, panel: Panel) -> None:
             axes.set_ylim((low + high - least) / 2, (low + high + least) / 2)
 
 
-def _legend(axes: Axes, entries: Sequence[st.LegendEntry], note: str, room: float | None) -> Legend | None:
+def _legend(axes: Axes, entries: Sequence[st.LegendEntry], note: str, room: float | None) -> Legend:
     """Add a legend, in which lines of one entry are side by side.
 
     Args:
@@ -278,12 +196,7 @@ def _legend(axes: Axes, entries: Sequence[st.LegendEntry], note: str, room: floa
         entries: entries.
         note: title of the legend, with escaped characters.
         room: width of a legend above the axes [sizes of the text]; None for one beside them.
-
-    Returns:
-        The legend; None without entries.
     """
-    if not entries:
-        return None
     beside = room is None
     line_limit = 30  # characters: longer lines beside the axes would leave them too little room
     narrow = 0.5  # width of a character of a legend, over the size of the figure's text

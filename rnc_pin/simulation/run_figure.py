@@ -8,6 +8,7 @@ and the compared runs, and returns panels.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import groupby
 from typing import NamedTuple, TypeAlias, TypeVar
@@ -20,8 +21,10 @@ from rnc_pin.errors import InputError, nearest
 from rnc_pin.figures.panel import AXIS_NAMES, INTEGRAL_NAMES, MAX_LINES, Labels, Panel, Series, Sheet, Size, split_names
 from rnc_pin.figures.panel_figure import MIN_HALF_SIZE, GroundPath, GroundPaths, PlaneView, draw_paths, panel_figure
 from rnc_pin.figures.style import LegendEntry
-from rnc_pin.simulation.run_data import PLOTTED_QUANTITIES, TOP_VIEW, RunData, tracking_errors
+from rnc_pin.simulation.run_data import PLOTTED_QUANTITIES, TOP_VIEW, RunData, columns_of_array, tracking_errors
 
+_Value = TypeVar("_Value")
+_Key = TypeVar("_Key")
 _ALL = slice(None)
 _SAME_PATH = 1e-3  # largest distance between two paths that count as one, over the extent
 
@@ -163,7 +166,6 @@ _ALWAYS_SHOWN = 6  # number of lines of one quantity that are always shown
 _MIN_ERROR = 1e-8  # smallest value on an error axis
 
 Others: TypeAlias = Mapping[str, RunData]
-_Key = TypeVar("_Key")
 
 
 class _Axis(NamedTuple):
@@ -171,6 +173,39 @@ class _Axis(NamedTuple):
 
     quantity: str
     unit: str
+
+
+class _Line(NamedTuple):
+    """Column of an array of a run, as a line on an axis.
+
+    Attributes:
+        name: name of the quantity.
+        array, column: its place in a run.
+        axis: axis on which it is drawn.
+        factor: unit of the array over that of the axis.
+        is_integral: True for the integral of the named quantity.
+        goals: array of its desired values; "" for none.
+    """
+
+    name: str
+    array: str
+    column: int
+    axis: _Axis
+    factor: float = 1.0
+    is_integral: bool = False
+    goals: str = ""
+
+    def values(self, run: RunData) -> np.ndarray:
+        """Values (N,) in a run that has the array."""
+        return np.asarray(self.factor * getattr(run, self.array)[:, self.column])
+
+    def series(self, run: RunData, others: Others) -> Series:
+        """Line of a run and of the other runs whose array has the same columns."""
+        desired = getattr(run, self.goals)[:, self.column] if self.goals else None
+        own = columns_of_array(run, self.array)
+        alike = {label: other for label, other in others.items() if columns_of_array(other, self.array) == own}
+        compared = {label: self.values(other) for label, other in alike.items()}
+        return Series(self.name, self.values(run), desired, compared, self.is_integral)
 
 
 def panels(run: RunData, others: Others | None = None, chosen: Sequence[str] | None = None) -> list[Panel]:
@@ -189,10 +224,11 @@ def panels(run: RunData, others: Others | None = None, chosen: Sequence[str] | N
     if chosen is None:
         return [panel for make in QUANTITIES.values() for panel in make(run, others)]
     shown: list[Panel] = []
-    for is_output, group in groupby(chosen, lambda name: run.info.outputs.find(name) is not None):
+    outputs = _output_lines(run)
+    for is_output, group in groupby(chosen, lambda name: name in outputs):
         names = list(group)
         if is_output:
-            shown += output_panels(run, others, names)
+            shown += _panels(run, others, [outputs[name] for name in names], all_lines=True)
             continue
         for name in names:
             if name not in QUANTITIES:
@@ -205,25 +241,106 @@ def panels(run: RunData, others: Others | None = None, chosen: Sequence[str] | N
     return shown
 
 
-def output_panels(run: RunData, others: Others, names: Sequence[str] | None = None) -> list[Panel]:
-    """Panels of the outputs with their references, grouped by quantity; of quasi-velocities the integrals.
+def _panels(run: RunData, others: Others, lines: Sequence[_Line], all_lines: bool = False) -> list[Panel]:
+    """Panels of lines by their axes; lines with goals have panels of their own if there are too many for one.
 
     Args:
         run: run to show.
         others: compared runs by label.
-        names: names of the outputs; all by default, those with goals first.
+        lines: lines of different names.
+        all_lines: True shows all; by default those that move most.
     """
-    found = list(names or ())
-    if names is None:  # outputs with goals come first
-        every = (*run.info.outputs.x2.names, *run.info.outputs.x1.names)
-        found = sorted(every, key=lambda name: name not in run.info.goals)
-    shown = []
-    for axis, group in _grouped_by(found, lambda name: _axis(run, name)):
-        most, note = group, ""
-        if names is None:
-            most, note = _largest_ranges(group, lambda name: _Output.of(run, name).values(run), others)
-        shown += _panels_of_outputs(run, others, axis, most, note)
-    return shown
+    room, found = _lines_per_panel(others), list[Panel]()
+    for axis, group in _grouped_by(lines, lambda line: line.axis):
+        count, note, shown = max(_ALWAYS_SHOWN, _MAX_PANELS * room), "", group
+        if len(group) > count and not all_lines:
+            # Those that move most tell most; a constant one would only fill the legend.
+            most = sorted(group, key=lambda line: -float(np.ptp(line.values(run))))[:count]
+            shown, note = [line for line in group if line in most], f"{count} of {len(group)}, moving most"
+        named = {line.name: line for line in shown}
+        parts = [list(named)]
+        if len(shown) > room:
+            parts = [[line.name for line in shown if bool(line.goals) is wanted] for wanted in (True, False)]
+        for names in (names for part in parts for names in split_names(part, room)):
+            found.append(Panel(*axis, tuple(named[name].series(run, others) for name in names), note))
+    return found
+
+
+def _lines_per_panel(others: Others) -> int:
+    """Largest number of lines of the run in a panel, given the lines of the compared runs."""
+    return max(1, MAX_LINES // (1 + len(others)))
+
+
+def _grouped_by(values: Iterable[_Value], key: Callable[[_Value], _Key]) -> list[tuple[_Key, list[_Value]]]:
+    groups: dict[_Key, list[_Value]] = {}
+    for value in values:
+        groups.setdefault(key(value), []).append(value)
+    return list(groups.items())
+
+
+def _output_lines(run: RunData) -> dict[str, _Line]:
+    """Lines of the outputs by name, those with goals first; of quasi-velocities the integrals."""
+    found: dict[str, _Line] = {}
+    for kind in ("x2", "x1"):
+        columns = run.info.outputs.of(kind)
+        for k, (name, unit) in enumerate(zip(columns.names, columns.units, strict=True)):
+            integral = columns.is_integral(k)
+            quantity = (INTEGRAL_NAMES if integral else AXIS_NAMES).get(unit, "integral" if integral else "value")
+            if any(start <= k < start + 3 for start in columns.rotations):
+                quantity = "rotation vector"
+            goals = f"{kind}_desired" if name in run.info.goals else ""
+            line = _Line(name, kind, k, _Axis(quantity, unit or "-"), is_integral=integral, goals=goals)
+            found.setdefault(name, line)
+    return dict(sorted(found.items(), key=lambda item: not item[1].goals))
+
+
+def _outputs(run: RunData, others: Others) -> list[Panel]:
+    """Panels of the outputs with their references, grouped by quantity."""
+    return _panels(run, others, list(_output_lines(run).values()))
+
+
+def _rates(run: RunData, others: Others) -> list[Panel]:
+    """Panels of the quasi-velocities, whose integrals are not coordinates of the robot."""
+    goals = np.isfinite(run.v2_desired).any(axis=0)
+    lines = [
+        _Line(name, "v2", k, _Axis(AXIS_NAMES.get(unit, "rate"), unit), goals="v2_desired" if goals[k] else "")
+        for k, (name, unit) in enumerate(columns_of_array(run, "v2"))
+        if run.info.outputs.x2.is_integral(k)
+    ]
+    return _panels(run, others, lines)
+
+
+def _errors(run: RunData, others: Others) -> list[Panel]:
+    """Panels of the tracking errors by unit; of many errors only the largest."""
+    errors, lines = tracking_errors(run), _output_lines(run)
+    compared = {label: tracking_errors(other) for label, other in others.items()}
+    found, room = [], _lines_per_panel(others)
+    for unit, names in _grouped_by(errors, lambda name: lines[name].axis.unit):
+        # By the largest value and not the last: a peak in the middle matters too.
+        largest = sorted(names, key=lambda name: -float(np.nanmax(np.abs(errors[name]), initial=0.0)))[:room]
+        series = []
+        for name in [name for name in names if name in largest]:
+            shown = {label: _magnitude(other[name]) for label, other in compared.items() if name in other}
+            series.append(Series(name, _magnitude(errors[name]), None, shown, is_integral=lines[name].is_integral))
+        # Values far below the errors are only sign changes, so the axis begins above them.
+        bottom = max(_MIN_ERROR, 1e-4 * min(float(np.nanmax(each.values, initial=0.0)) for each in series))
+        note = f"largest {room} of {len(names)}" if len(names) > room else ""
+        found.append(Panel("error", unit, tuple(series), note, log=True, bottom=bottom))
+    return found
+
+
+def _magnitude(error: np.ndarray) -> np.ndarray:
+    """Absolute error plus a small positive value, because a logarithmic axis cannot show zero."""
+    return np.abs(error) + _MIN_ERROR / 1e8
+
+
+def _inputs(run: RunData, others: Others) -> list[Panel]:
+    """Panels of the actuator inputs by unit, without compared runs, which would hide them."""
+    lines = [
+        _Line(name, "T", k, _Axis(AXIS_NAMES.get(unit, "input"), unit or "-"))
+        for k, (name, unit) in enumerate(columns_of_array(run, "T"))
+    ]
+    return _panels(run, {}, lines)
 
 
 def learning_panels(run: RunData, others: Others, quantity: str) -> list[Panel]:
@@ -234,41 +351,11 @@ def learning_panels(run: RunData, others: Others, quantity: str) -> list[Panel]:
         others: compared runs by label.
         quantity: "estimates" or "prediction_error".
     """
-    values: np.ndarray = getattr(run, quantity)
-    origin = run.info.provenance
-    known = origin.estimates if quantity == "estimates" else origin.predicted
-    units = {name: _in_si(unit) for name, unit in known.items()}
-    names = list(units) or [f"{quantity} {column}" for column in range(values.shape[1])]
-
-    def column(of: RunData, name: str) -> np.ndarray:
-        return np.asarray(units.get(name, (1.0, ""))[0] * getattr(of, quantity)[:, names.index(name)])
-
-    # A compared controller may learn something else, whose curves belong to no panel of this run.
-    alike = {label: other for label, other in others.items() if getattr(other, quantity).shape == values.shape}
-
-    def series(name: str) -> Series:
-        return Series(name, column(run, name), None, {label: column(other, name) for label, other in alike.items()})
-
-    word = "estimate" if quantity == "estimates" else "prediction error"
-    return _by_axis(names, lambda name: _Axis(word, units.get(name, (1.0, ""))[1] or "-"), series, others)
-
-
-def _split(
-    axis: _Axis, names: Sequence[str], series: Callable[[str], Series], most: int, note: str = ""
-) -> list[Panel]:
-    """Panels of one axis, with at most so many lines each."""
-    return [Panel(*axis, tuple(map(series, part)), note) for part in split_names(names, most)]
-
-
-def _by_axis(
-    names: Sequence[str], axis: Callable[[str], _Axis], series: Callable[[str], Series], others: Others
-) -> list[Panel]:
-    """Panels of series, grouped by the axes of their names."""
-    return [
-        panel
-        for own, group in _grouped_by(names, axis)
-        for panel in _split(own, group, series, _lines_per_panel(others))
-    ]
+    word, lines = "estimate" if quantity == "estimates" else "prediction error", list[_Line]()
+    for k, (name, stated) in enumerate(columns_of_array(run, quantity)):
+        factor, unit = _in_si(stated)
+        lines.append(_Line(name, quantity, k, _Axis(word, unit or "-"), factor))
+    return _panels(run, others, lines)
 
 
 def _in_si(unit: str) -> tuple[float, str]:
@@ -280,152 +367,14 @@ def _in_si(unit: str) -> tuple[float, str]:
         return 1.0, unit
 
 
-# ---------------------------------------------------------------------- outputs
-
-
-class _Output(NamedTuple):
-    """Output of a run: its array, "x1" or "x2", and its column there."""
-
-    kind: str
-    column: int
-    unit: str
-    is_integral: bool
-    is_rotation: bool
-
-    @classmethod
-    def of(cls, run: RunData, name: str) -> _Output:
-        """Output with this name, which the run has."""
-        found = run.info.outputs.find(name)
-        assert found is not None
-        (kind, k), columns = found, run.info.outputs.of(found[0])
-        rotates = any(start <= k < start + 3 for start in columns.rotations)
-        return cls(kind, k, columns.units[k], columns.is_integral(k), rotates)
-
-    def values(self, run: RunData, suffix: str = "") -> np.ndarray:
-        """Values (N,) in a run with the same outputs; with the suffix "_desired" their goals."""
-        return np.asarray(getattr(run, self.kind + suffix)[:, self.column])
-
-
-def _largest_ranges(names: Sequence[str], values: Callable[[str], np.ndarray], others: Others) -> tuple[list[str], str]:
-    """Names of the series with the largest range if there are too many, in the given order, and a note about it."""
-    count = max(_ALWAYS_SHOWN, _MAX_PANELS * _lines_per_panel(others))
-    if len(names) <= count:
-        return list(names), ""
-    # Those that move most tell most; a constant one would only fill the legend.
-    most = set(sorted(names, key=lambda name: -float(np.ptp(values(name))))[:count])
-    return [name for name in names if name in most], f"{count} of {len(names)}, moving most"
-
-
-def _axis(run: RunData, name: str) -> _Axis:
-    """Axis of an output."""
-    *_, unit, integral, rotates = _Output.of(run, name)
-    if rotates:
-        return _Axis("rotation vector", unit)
-    names = INTEGRAL_NAMES if integral else AXIS_NAMES
-    return _Axis(names.get(unit, "integral" if integral else "value"), unit or "-")
-
-
-def _grouped_by(names: Iterable[str], key: Callable[[str], _Key]) -> list[tuple[_Key, list[str]]]:
-    groups: dict[_Key, list[str]] = {}
-    for name in names:
-        groups.setdefault(key(name), []).append(name)
-    return list(groups.items())
-
-
-def _lines_per_panel(others: Others) -> int:
-    """Largest number of lines of the run in a panel, given the lines of the compared runs."""
-    return max(1, MAX_LINES // (1 + len(others)))
-
-
-def _panels_of_outputs(run: RunData, others: Others, axis: _Axis, names: Sequence[str], note: str = "") -> list[Panel]:
-    def series(name: str) -> Series:
-        output = _Output.of(run, name)
-        desired = output.values(run, "_desired") if name in run.info.goals else None
-        alike = {each: other for each, other in others.items() if _has_same_outputs(other, run, output.kind)}
-        compared = {each: output.values(other) for each, other in alike.items()}
-        return Series(name, output.values(run), desired, compared, is_integral=output.is_integral)
-
-    room = _lines_per_panel(others)
-    parts = [list(names)]
-    if len(names) > room:  # outputs with references come first, in panels of their own
-        parts = [[name for name in names if (name in run.info.goals) is wanted] for wanted in (True, False)]
-    return [panel for group in parts for panel in _split(axis, group, series, room, note)]
-
-
-def _has_same_outputs(other: RunData, run: RunData, kind: str) -> bool:
-    """True if another run has the same outputs of this kind."""
-    return other.info.outputs.of(kind).names == run.info.outputs.of(kind).names
-
-
-def _rates(run: RunData, others: Others) -> list[Panel]:
-    """Panels of the quasi-velocities, whose integrals are not coordinates of the robot."""
-    columns = run.info.outputs.x2
-    names = [name for column, name in enumerate(columns.names) if columns.is_integral(column)]
-    alike = {label: other for label, other in others.items() if _has_same_outputs(other, run, "x2")}
-
-    def series(name: str) -> Series:
-        column = columns.names.index(name)
-        desired = run.v2_desired[:, column]
-        compared = {label: other.v2[:, column] for label, other in alike.items()}
-        return Series(name, run.v2[:, column], desired if np.isfinite(desired).any() else None, compared)
-
-    def axis(name: str) -> _Axis:
-        unit = columns.units[columns.names.index(name)]
-        return _Axis(AXIS_NAMES.get(f"{unit}/s", "rate"), f"{unit or 1}/s")
-
-    return _by_axis(names, axis, series, others)
-
-
-def _errors(run: RunData, others: Others) -> list[Panel]:
-    """Panels of the tracking errors by unit; of many errors only the largest."""
-    errors = tracking_errors(run)
-    compared = {label: tracking_errors(other) for label, other in others.items()}
-    found = []
-    for unit, names in _grouped_by(errors, lambda name: _Output.of(run, name).unit):
-        room = _lines_per_panel(others)
-        # By the largest value and not the last: a peak in the middle matters too.
-        largest = sorted(names, key=lambda name: -float(np.nanmax(np.abs(errors[name]), initial=0.0)))[:room]
-        series = []
-        for name in [name for name in names if name in largest]:
-            shown = {label: _magnitude(other[name]) for label, other in compared.items() if name in other}
-            integral = _Output.of(run, name).is_integral
-            series.append(Series(name, _magnitude(errors[name]), None, shown, is_integral=integral))
-        # Values far below the errors are only sign changes, so the axis begins above them.
-        bottom = max(_MIN_ERROR, 1e-4 * min(float(np.nanmax(each.values, initial=0.0)) for each in series))
-        note = f"largest {room} of {len(names)}" if len(names) > room else ""
-        found.append(Panel("error", unit or "-", tuple(series), note, log=True, bottom=bottom))
-    return found
-
-
-def _magnitude(error: np.ndarray) -> np.ndarray:
-    """Absolute error plus a small positive value, because a logarithmic axis cannot show zero."""
-    return np.abs(error) + _MIN_ERROR / 1e8
-
-
-# ---------------------------------------------------------------------- inputs, estimates, normal forces, margin
-
-
-def _inputs(run: RunData, others: Others) -> list[Panel]:
-    """Panels of the actuator inputs by unit, without compared runs, which would hide them."""
-    names, units = run.info.outputs.T, run.info.outputs.T_units
-    found = []
-    for unit, group in _grouped_by(names, lambda name: units[names.index(name)] if units else ""):
-        most, note = _largest_ranges(group, lambda name: run.T[:, names.index(name)], {})
-        axis = _Axis(AXIS_NAMES.get(unit, "input"), unit or "-")
-        found += _split(axis, most, lambda name: Series(name, run.T[:, names.index(name)]), MAX_LINES, note)
-    return found
-
-
 def _normal_forces(run: RunData, others: Others) -> list[Panel]:
     """Panels of the normal forces of the contacts; a contact with a negative force would lift off."""
-    names, forces = run.info.outputs.normal_forces, run.normal_forces
-    found = []
-    for part in split_names(names):
-        columns = [forces[:, names.index(name)] for name in part]
-        lifts = any(float(np.nanmin(column, initial=0.0)) < 0.0 for column in columns)
-        series = tuple(Series(name, column) for name, column in zip(part, columns, strict=True))
-        note = "below zero: would lift off" if lifts else ""
-        found.append(Panel("normal force", "N", series, note, bottom=None if lifts else 0.0))
+    axis, found = _Axis("normal force", "N"), list[Panel]()
+    lines = [_Line(name, "normal_forces", k, axis) for k, name in enumerate(run.info.outputs.normal_forces)]
+    for panel in _panels(run, {}, lines):
+        lifts = any(float(np.nanmin(each.values, initial=0.0)) < 0.0 for each in panel.series)
+        note = "below zero: would lift off" if lifts else panel.note
+        found.append(replace(panel, note=note, bottom=None if lifts else 0.0))
     return found
 
 
@@ -437,7 +386,7 @@ def _margin(run: RunData, others: Others) -> list[Panel]:
 
 QUANTITIES: dict[str, Callable[[RunData, Others], list[Panel]]] = {
     "rates": _rates,
-    "outputs": output_panels,
+    "outputs": _outputs,
     "errors": _errors,
     "inputs": _inputs,
     "estimates": partial(learning_panels, quantity="estimates"),

@@ -8,15 +8,14 @@ from contextlib import suppress
 from functools import cached_property
 from itertools import zip_longest
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError, InputError, RncError, place_of
 from rnc_pin.io.json import atomic_file, dump_json
 from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin
-from rnc_pin.simulation.run_data import SERIES_UNITS, RunData
-from rnc_pin.simulation.run_info import FORCE_UNITS, OutputNames, RunInfo
+from rnc_pin.simulation.run_data import RunData, columns_of_array
 from rnc_pin.verdict import Verdict
 
 if TYPE_CHECKING:
@@ -151,13 +150,6 @@ class Trajectory(RunData, SummaryMixin):
         return ObjectSummary(title, [*lines, *(line for line in said if line[1])])
 
 
-class Column(NamedTuple):
-    """Name and unit of a column of an array; the unit is "-" for numbers and "" if it is unknown."""
-
-    name: str
-    unit: str
-
-
 def export_run(run: RunData, path: str | Path, arrays: Sequence[str] | None = None, replace: bool = True) -> Path:
     """Write the arrays of a run as ``Trajectory.export`` does. An error leaves no partial file.
 
@@ -190,55 +182,3 @@ def export_run(run: RunData, path: str | Path, arrays: Sequence[str] | None = No
         # 17 digits give every float back to the bit.
         np.savetxt(file, np.column_stack([getattr(run, name) for name in chosen]), fmt="%.17g", delimiter=",")
     return path
-
-
-def columns_of_array(run: RunData, array: str) -> list[Column]:
-    """Names and units of the columns of an array, one per column; the name is "" for an array of one dimension.
-
-    Args:
-        run: the run.
-        array: name of an array, such as "q".
-    """
-    values, info = getattr(run, array), run.info
-    if values.ndim == 1:
-        return [Column("", SERIES_UNITS[array])]
-    found = _named(info, array)
-    # A run that was made by hand may have no names.
-    return found if len(found) == values.shape[1] else [Column(str(k), "") for k in range(values.shape[1])]
-
-
-def _named(info: RunInfo, array: str) -> list[Column]:
-    """Columns of an array with two dimensions; none without names."""
-    outputs, origin = info.outputs, info.provenance
-    if array in ("x1", "x2", "x1_desired", "x2_desired", "v1", "v2", "v2_desired", "F"):
-        of = outputs.of("x1" if array in ("x1", "x1_desired", "v1") else "x2")
-        units = [unit or "-" for unit in of.units]
-        if array.startswith("v"):
-            units = [f"{'1' if unit == '-' else unit}/s" for unit in units]
-        elif array == "F":
-            units = [FORCE_UNITS.get(f"{unit}/s", "") for unit in units]
-        return [Column(*pair) for pair in zip(of.names, units, strict=True)]
-    if array in ("estimates", "prediction_error"):
-        named = origin.estimates if array == "estimates" else origin.predicted
-        return [Column(name, unit or "-") for name, unit in named.items()]
-    if array == "ground_poses":
-        parts = (("x", "m"), ("y", "m"), ("heading", "rad"))
-        return [Column(f"{name}.{part}", unit) for name in outputs.ground_poses for part, unit in parts]
-    if array in _CONSTANT_UNITS:
-        names = getattr(outputs, "friction_used" if array == "slip_speed" else array)
-        return [Column(name, _CONSTANT_UNITS[array]) for name in names]
-    source = {"v_measured": "v", "slip": "multipliers"}.get(array, array)
-    units = _units(outputs, source)
-    if array == "slip":
-        # A slip is the rate of the row whose multiplier is this force.
-        rates = {force: rate for rate, force in FORCE_UNITS.items()}
-        units = [rates.get(unit, "") for unit in units]
-    return [Column(*pair) for pair in zip(getattr(outputs, source), units, strict=True)]
-
-
-def _units(outputs: OutputNames, array: str) -> list[str]:
-    names, units = getattr(outputs, array), getattr(outputs, f"{array}_units")
-    return list(units) if len(units) == len(names) else [""] * len(names)
-
-
-_CONSTANT_UNITS = {"friction_used": "-", "slip_speed": "m/s", "normal_forces": "N"}
