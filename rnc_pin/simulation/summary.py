@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from itertools import zip_longest
 from typing import NotRequired, TypedDict, cast
 
 import numpy as np
@@ -21,7 +20,13 @@ from rnc_pin.verdict import Verdict
 _CONSTANT = 1e-6  # range of the energy, relative to its size, that counts as the error of the integration
 
 _LABELS = {
+    "constraint_residual_max": "constraint residual, largest [m/s or rad/s]",
+    "position_residual_max": "position residual, largest [m or rad]",
+    "energy_drift": "energy less work, drift (relative)",
+    "min_singular_value": "singular value of E, smallest (0: singular)",
+    "max_input": "input, largest",
     "wall_time": "computing time [s]",
+    "off_tracking_max": "trailer off the driven path, largest [m]",
     "lift_off": "lift off [s, N]",
     "smallest_distance": "smallest distance [m, s]",
 }
@@ -194,6 +199,12 @@ class PrintedSummary(SummaryMixin, dict[str, object]):
     def __reduce__(self) -> tuple[object, ...]:
         return PrintedSummary, (dict(self), self._outputs)
 
+    @property
+    def units(self) -> dict[str, str]:
+        """Units of the outputs by name; "" if unknown."""
+        x2, x1 = self._outputs.x2, self._outputs.x1
+        return dict(zip(x2.names + x1.names, x2.units + x1.units, strict=True))
+
     def _summary(self) -> ObjectSummary:
         of = f" of '{self['scenario']}'" if self["scenario"] else ""
         headline = str(self.get("verdict", self["outcome"]))
@@ -210,10 +221,8 @@ class PrintedSummary(SummaryMixin, dict[str, object]):
 
     def _described(self, key: str, value: object) -> Sequence[Item]:
         if isinstance(value, Mapping) and all(isinstance(each, float) for each in value.values()):
-            x2, x1, T, T_units = self._outputs.x2, self._outputs.x1, self._outputs.T, self._outputs.T_units
-            units = dict(zip(x2.names + x1.names, x2.units + x1.units, strict=True))
-            if key == "max_input":
-                units = dict(zip_longest(T, T_units, fillvalue=""))
+            outputs = self._outputs
+            units = dict(zip(outputs.T, outputs.T_units, strict=False)) if key == "max_input" else self.units
             return [Item(name, f"{each:.4g} {units.get(name, '')}".rstrip()) for name, each in value.items()]
         return described(value)
 

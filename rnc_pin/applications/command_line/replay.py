@@ -182,7 +182,7 @@ def _judged(run: Run) -> int:
     judged = replace(run.trajectory, grounds=Grounds(run.scenario.reduced))
     verdict, summary = judged.verdict, summarize(judged)
     add_verdict(summary, verdict)
-    print_summary(summary, judged.info.outputs)
+    print_summary(summary)
     return report_findings(verdict, f"the run is in {run.source}")
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import cast
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -17,7 +18,8 @@ from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import RncError
 from rnc_pin.interruption import uninterrupted
 from rnc_pin.printing import Line, SummaryMixin
-from rnc_pin.simulation import OutputNames, Summary
+from rnc_pin.simulation import Summary
+from rnc_pin.simulation.summary import PrintedSummary
 from rnc_pin.verdict import Severity, Verdict, weight_of
 
 
@@ -84,18 +86,29 @@ def print_object(found: SummaryMixin, title: str, lines: Sequence[Line] = ()) ->
     Console(markup=False, emoji=False).print(table, highlight=False)
 
 
-def print_summary(summary: Summary, outputs: OutputNames | None = None) -> None:
+_IN_TABLE = ("run", "final error", "max error", "rms error", "goal error", "comparisons")  # or in files
+
+
+def print_summary(summary: Summary) -> None:
     """Print errors and invariants of a run.
 
     Args:
-        summary: summary of the run.
-        outputs: outputs and inputs of the run, for their units.
+        summary: summary of the run, as ``summarize`` makes it.
     """
-    outputs = outputs or OutputNames()
-    console = Console(markup=False, emoji=False)
+    console, found = Console(markup=False, emoji=False), cast(PrintedSummary, summary)
     word = summary.get("verdict", summary["outcome"])
     console.print(f"{summary['scenario']}: {word}", style="bold", highlight=False)
-    errors = _errors(summary, _units(outputs))
+    errors = Table("output")
+    for column in ("final error", "largest error", "rms error"):
+        errors.add_column(column, justify="right")
+    figures = {name: each for name, each in summary.get("goal_error", {}).items() if name not in summary["final_error"]}
+    for name, last in {**summary["final_error"], **figures}.items():
+        # A goal of the planner that is no output: it has an end and no history.
+        history = (
+            f"{each[name]:.2e}" if name in each else "-" for each in (summary["max_error"], summary["rms_error"])
+        )
+        unit = found.units.get(name)
+        errors.add_row(f"{name} [{unit}]" if unit else name, f"{last:.2e}", *history)
     # Outputs without a reference have no errors.
     if errors.row_count:
         console.print(errors)
@@ -105,64 +118,13 @@ def print_summary(summary: Summary, outputs: OutputNames | None = None) -> None:
         console.print(f"{how}: {finding['message']}", highlight=False, soft_wrap=True)
     if "late" in summary:
         console.print(f"note: {summary['late']['message']}", highlight=False, soft_wrap=True)
-    invariants = Table(show_header=False, box=None, pad_edge=False)
-    invariants.add_column()
-    invariants.add_column(justify="right")
-    for row in _invariants(summary, dict(zip(outputs.T, outputs.T_units, strict=False))):
-        invariants.add_row(*row)
-    console.print(invariants)
-
-
-def _errors(summary: Summary, units: Mapping[str, str]) -> Table:
-    """Table of the errors of outputs."""
-    errors = Table("output")
-    for column in ("final error", "largest error", "rms error"):
-        errors.add_column(column, justify="right")
-    for name in summary["final_error"]:
-        figures = (each[name] for each in (summary["final_error"], summary["max_error"], summary["rms_error"]))
-        errors.add_row(name + units.get(name, ""), *(f"{figure:.2e}" for figure in figures))
-    for name, figure in summary.get("goal_error", {}).items():
-        # A goal of the planner that is no output: it has an end and no history.
-        if name not in summary["final_error"]:
-            errors.add_row(name, f"{figure:.2e}", "-", "-")
-    return errors
-
-
-def _invariants(summary: Summary, inputs: Mapping[str, str]) -> Iterator[tuple[str, str]]:
-    """Yield what else is known of a run, with its value; the units of inputs are by name."""
-    yield "simulated time", f"{summary['duration']:.2f} s"
-    # A replay has none: it simulates nothing.
-    if summary["wall_time"]:
-        factor = f"{summary['realtime_factor']:.1f} x real time"
-        yield "simulation computed in", f"{summary['wall_time']:.2f} s ({factor})"
-    yield "constraint residual, largest", f"{summary['constraint_residual_max']:.1e} m/s or rad/s"
-    if summary["position_residual_max"]:
-        yield "position residual, largest", f"{summary['position_residual_max']:.1e} m or rad"
-    if summary["energy_drift"] is not None:  # needs the work of the plant
-        yield "energy less work, drift", f"{summary['energy_drift']:.1e} (relative)"
-    if summary["min_singular_value"] is not None:
-        yield "singular value of E, smallest", f"{summary['min_singular_value']:.3g} (0: singular)"
-    if "off_tracking_max" in summary:
-        yield "trailer off the driven path, largest", f"{summary['off_tracking_max']:.1e} m"
-    if summary["lift_off"] is not None:
-        yield f"normal force of {summary['lift_off']['contact']}, lowest", f"{summary['lift_off']['lowest']:.3g} N"
-    of_links = "distance between links, smallest", summary.get("smallest_own_distance")
-    for words, nearest in (("distance to obstacles, smallest", summary.get("smallest_distance")), of_links):
-        if nearest is not None:
-            pair, at = " / ".join(nearest["bodies"]), f"t = {nearest['time']:.2f} s"
-            yield words, f"{nearest['distance']:.3g} m, {pair} at {at}"
-    for name, figure in summary["max_input"].items():
-        yield f"input {name}, largest", f"{figure:.3g} {inputs.get(name, '')}".rstrip()
-
-
-def _units(outputs: OutputNames) -> dict[str, str]:
-    """Unit of each output in brackets, by name."""
-    return {
-        name: f" [{unit}]"
-        for columns in (outputs.x1, outputs.x2)
-        for name, unit in zip(columns.names, columns.units, strict=True)
-        if unit
-    }
+    others = Table(show_header=False, box=None, pad_edge=False)
+    others.add_column(no_wrap=True)
+    others.add_column(overflow="fold")
+    for label, items in found.summary_lines():
+        if label not in _IN_TABLE:
+            others.add_row(label, ", ".join(map(str, items)))
+    console.print(others)
 
 
 def report_findings(verdict: Verdict, ending: str, others: str = "", told: Collection[str] = ()) -> int:
@@ -236,7 +198,7 @@ def _kept(scenario: Scenario, result: Result, target: OutputFolder, as_json: boo
         # From here on the numbers are safe, whatever happens to the pictures.
         target.keep_so_far()
         if not as_json:
-            print_summary(result.summary, result.trajectory.info.outputs)
+            print_summary(result.summary)
         names = picture_names(scenario)
         text = f"{scenario.name}: drawing {len(names)} pictures"
         # Pictures come last: results are in place even if drawing is interrupted.
