@@ -13,7 +13,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, Protocol, Self
+from typing import TYPE_CHECKING, Protocol, Self
 
 if TYPE_CHECKING:
     import numpy as np
@@ -403,21 +403,15 @@ def short_text(value: object) -> str:
 # ---------------------------------------------------------------------- packages that are not installed
 
 
-class _Package(NamedTuple):
-    """Package of an extra: the name that people read, and the module."""
-
-    name: str
-    module: str
-
-
 _PACKAGES = {
-    "control": _Package("python-control", "control"),
-    "dask": _Package("Dask", "distributed"),
-    "meshes": _Package("trimesh", "trimesh"),
-    "mujoco": _Package("MuJoCo", "mujoco"),
-    "ompl": _Package("OMPL", "ompl"),
-    "video": _Package("Playwright", "playwright"),
+    "control": ("python-control", "control"),
+    "dask": ("Dask", "distributed"),
+    "meshes": ("trimesh", "trimesh"),
+    "mujoco": ("MuJoCo", "mujoco"),
+    "ompl": ("OMPL", "ompl"),
+    "video": ("Playwright", "playwright"),
 }
+"""Packages of extras: the name that people read, and the module."""
 
 
 def missing_extra(extra: str) -> str:
@@ -425,7 +419,7 @@ def missing_extra(extra: str) -> str:
 
     The package is on no index, so the command is for the folder of the source.
     """
-    return f"{_PACKAGES[extra].name} is not installed: pip install '.[{extra}]' in the folder of rnc_pin's source"
+    return f"{_PACKAGES[extra][0]} is not installed: pip install '.[{extra}]' in the folder of rnc_pin's source"
 
 
 def check_extra(extra: str, purpose: str) -> None:
@@ -439,7 +433,7 @@ def check_extra(extra: str, purpose: str) -> None:
         ConfigurationError: the package is not installed.
     """
     # Not imported: some of them take seconds, and may never be needed.
-    if find_spec(_PACKAGES[extra].module) is None:
+    if find_spec(_PACKAGES[extra][1]) is None:
         raise ConfigurationError(f"{purpose}: {missing_extra(extra)}")
 
 

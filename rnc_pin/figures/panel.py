@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import groupby, pairwise
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -124,30 +123,14 @@ class Labels:
 
 
 def split_names(names: Sequence[str], most: int = MAX_LINES) -> list[list[str]]:
-    """Split names into groups of at most ``most``. Names with the same first word stay together.
+    """Split names into equal groups of at most ``most``, in their order.
 
     Args:
         names: the names, in their order.
         most: largest size of a group.
     """
-    if len(names) <= most:
-        return [list(names)] if names else []
-    words = [name.lstrip("_").split("_")[0].rstrip("0123456789") for name in names]
-    pairs = groupby(zip(words, names, strict=True), lambda pair: pair[0])
-    groups = [[name for _, name in group] for _, group in pairs]
-    if len(groups) == 1 or len(groups) == len(names):
-        # Words do not group these names: equal parts, in their order.
-        count = -(-len(names) // most)
-        bounds = [round(k * len(names) / count) for k in range(count + 1)]
-        return [list(names[start:end]) for start, end in pairwise(bounds)]
-    parts: list[list[str]] = []
-    for group in groups:
-        for part in split_names(group, most):
-            if parts and len(parts[-1]) + len(part) <= most:
-                parts[-1] += part
-            else:
-                parts.append(part)
-    return parts
+    count = -(-len(names) // most)
+    return [part.tolist() for part in np.array_split(np.array(names, dtype=object), count)] if count else []
 
 
 Size: TypeAlias = Literal["column", "page"] | tuple[float, float]

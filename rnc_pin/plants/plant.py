@@ -124,21 +124,13 @@ class Plant(Protocol):
         """
 
 
-@runtime_checkable
-class VelocityTaking(Protocol):
-    """Plant whose inputs may be velocities of its actuators."""
-
-    @property
-    def takes_velocities(self) -> bool: ...
-
-
 def takes_velocities(plant: object) -> bool:
     """Return True if the inputs of a plant are velocities of its actuators.
 
     Args:
         plant: any plant.
     """
-    return isinstance(plant, VelocityTaking) and plant.takes_velocities
+    return bool(getattr(plant, "takes_velocities", False))
 
 
 @runtime_checkable
@@ -166,7 +158,8 @@ MOST_EVENT_SUBSTEPS = 16
 """The same with friction, where the error at an event falls slowly with the step."""
 
 _PERIOD = 128  # samples after which a comparison is due
-_ROUNDING = 1e-14  # relative difference that is rounding
+ROUNDING = 1e-14
+"""Relative difference of two integrations that is rounding."""
 
 
 class Substeps(NamedTuple):
@@ -292,21 +285,6 @@ class IntegrationErrors(NamedTuple):
         if substeps.number is None and steps > 1 and error * margin < substeps.tolerance * dt:
             following, again = steps // 2, True
         return IntegrationErrors(
-            following, steps, _PERIOD if again else 0, roughness, max(error, _ROUNDING), dt,
+            following, steps, _PERIOD if again else 0, roughness, max(error, ROUNDING), dt,
             self.total + error, max(self.rate, error / dt), max(self.most, steps), max(self.enough, enough),
         )  # fmt: skip
-
-
-def estimated_errors(position: Array, velocity: Array, smooth: bool, scale: float) -> Array:
-    """Errors (2 nv,) of a sample from its difference to the one with twice as many substeps; zero if it is rounding.
-
-    Args:
-        position: difference of the configurations (nv,).
-        velocity: difference of the velocities (nv,).
-        smooth: True if the integration is of fourth order.
-        scale: largest absolute value of the states.
-    """
-    fourth = 16.0 / 15.0  # of order 4, error over its difference from the result with half the step
-    first = 2.0  # of order 1, the same
-    errors = np.concatenate([position, velocity]) * (fourth if smooth else first)
-    return np.where(np.abs(errors) > _ROUNDING * (1.0 + scale), errors, 0.0)

@@ -343,22 +343,17 @@ class RunInfo:
         columns["names"] |= {array: getattr(outputs, array) for array in _OTHER_ARRAYS}
         columns["units"] |= {array: getattr(outputs, f"{array}_units") for array in _WITH_UNITS}
         parts: dict[str, object] = {
+            "dt": self.dt,
             "outcome": str(self.outcome),
             "message": self.message,
             "phases": [asdict(each) for each in self.phases] or None,
             "findings": [each.to_json() for each in self.findings] or None,
+            "fallback": self.fallback and asdict(self.fallback),
+            "integration": self.integration and asdict(self.integration),
+            "verdict": self.verdict and self.verdict.to_json(),
         }
-        for name in ("fallback", "integration"):
-            parts[name] = None if getattr(self, name) is None else asdict(getattr(self, name))
-        parts["verdict"] = None if self.verdict is None else self.verdict.to_json()
-        content = {
-            **columns,
-            "goals": self.goals,
-            **({} if self.dt is None else {"dt": self.dt}),
-            "versions": self.versions,
-            **self.provenance.to_json(),
-            **{name: part for name, part in parts.items() if part is not None},
-        }
+        known = {name: part for name, part in parts.items() if part is not None}
+        content = {**columns, "goals": self.goals, "versions": self.versions, **self.provenance.to_json(), **known}
         return to_json_mapping(content, "meta")
 
     @classmethod

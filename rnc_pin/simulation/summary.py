@@ -206,6 +206,14 @@ class PrintedSummary(SummaryMixin, dict[str, object]):
         return dict(zip(x2.names + x1.names, x2.units + x1.units, strict=True))
 
     def _summary(self) -> ObjectSummary:
+        return self.summary_of("Summary")
+
+    def summary_of(self, kind: str) -> ObjectSummary:
+        """Return the title and lines of the run as those of a kind of object.
+
+        Args:
+            kind: first word of the title.
+        """
         of = f" of '{self['scenario']}'" if self["scenario"] else ""
         headline = str(self.get("verdict", self["outcome"]))
         if "first_finding" in self:
@@ -214,10 +222,10 @@ class PrintedSummary(SummaryMixin, dict[str, object]):
         lines: list[Line] = [("run", [Item(f"{self['outcome']}, {time}")])]
         lines += [
             (_LABELS.get(name, name.replace("_", " ")), self._described(name, value))
-            for name, value in self.items()
+            for name, value in sorted(self.items(), key=lambda item: item[0] != "message")  # first why it ended
             if name not in _UNPRINTED and not (value is None or value in ({}, []))
         ]
-        return ObjectSummary(f"Summary{of}: {headline}, {time}", lines)
+        return ObjectSummary(f"{kind}{of}: {headline}, {time}", lines)
 
     def _described(self, key: str, value: object) -> Sequence[Item]:
         if isinstance(value, Mapping) and all(isinstance(each, float) for each in value.values()):

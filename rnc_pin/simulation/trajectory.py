@@ -6,15 +6,14 @@ import csv
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property
-from itertools import zip_longest
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError, InputError, RncError, place_of
 from rnc_pin.io.json import atomic_file, dump_json
-from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin
+from rnc_pin.printing import ObjectSummary, SummaryMixin
 from rnc_pin.simulation.run_data import RunData, columns_of_array
 from rnc_pin.verdict import Verdict
 
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from rnc_pin.figures import Size
+    from rnc_pin.simulation.summary import PrintedSummary
 
 
 class Trajectory(RunData, SummaryMixin):
@@ -123,31 +123,12 @@ class Trajectory(RunData, SummaryMixin):
         export_run(self, file, arrays)
 
     def _summary(self) -> ObjectSummary:
-        duration = self.time[-1] if len(self.time) else 0.0
-        scenario, message, outputs = self.info.provenance.scenario, self.info.message, self.info.outputs
-        of, verdict = f" of '{scenario}'" if scenario else "", str(self.outcome)
+        from rnc_pin.simulation.summary import add_verdict, summarize  # a run alone starts without it
+
+        found = summarize(self)
         with suppress(RncError):  # samples that nothing can judge print their outcome
-            verdict = self.verdict.headline
-        title = f"Trajectory{of}: {verdict}, {duration:g} s in {len(self.time)} samples"
-        lines: list[Line] = [("run", [Item(f"{self.outcome}, {duration:g} s in {len(self.time)} samples")])]
-        lines += [("message", [Item(message)])] if message else []
-        # A run that could not begin has no last sample to print.
-        if not len(self.time):
-            return ObjectSummary(title, lines)
-        names, units = outputs.x2.names + outputs.x1.names, outputs.x2.units + outputs.x1.units
-        values = {
-            "outputs at the end": zip_longest(names, (*self.x2[-1], *self.x1[-1]), units, fillvalue=""),
-            "largest input": zip_longest(outputs.T, np.abs(self.T).max(axis=0), outputs.T_units, fillvalue=""),
-            "checks": (
-                ("constraint residual, largest", self.constraint_residual.max(), ""),
-                ("singular value of E, smallest", self.singular_value.min(), ""),
-            ),
-        }
-        said = [
-            (label, [Item(name, f"{x:.4g} {unit}".rstrip()) for name, x, unit in rows])
-            for label, rows in values.items()
-        ]
-        return ObjectSummary(title, [*lines, *(line for line in said if line[1])])
+            add_verdict(found, self.verdict)
+        return cast("PrintedSummary", found).summary_of("Trajectory")
 
 
 def export_run(run: RunData, path: str | Path, arrays: Sequence[str] | None = None, replace: bool = True) -> Path:

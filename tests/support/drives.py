@@ -26,7 +26,7 @@ class Watcher:
     def __init__(self):
         self.statuses = []
 
-    def show(self, sample, status):
+    def __call__(self, sample, status):
         if status is not None:
             self.statuses.append(status)
 

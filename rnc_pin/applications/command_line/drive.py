@@ -65,7 +65,7 @@ def _driven(prepared: PreparedDrive, duration: float | None, browser: bool) -> R
             with interruptible():
                 page.wait_for_browser(wait)
         # The clock starts with the first sample, so that waiting for the browser is not made up for.
-        result = drive(prepared, queue, samples, RealTimeClock(), page)
+        result = drive(prepared, queue, samples, RealTimeClock(), page.show)
         page.conclude(result.trajectory.verdict)
     # The run does not need its page: the record is whole.
     if page.problem is not None:

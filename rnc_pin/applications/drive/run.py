@@ -10,7 +10,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from itertools import count
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -175,18 +175,12 @@ class RealTimeClock:
         return (end - begin) / (last - first) if last > first else 1.0
 
 
-class DriveWatcher(Protocol):
-    """Page of a driven run."""
-
-    def show(self, sample: Sample, status: DriveStatus | None) -> None: ...
-
-
 def drive(
     prepared: PreparedDrive,
     queue: CommandQueue | None = None,
     samples: int | None = None,
     clock: RealTimeClock | None = None,
-    watcher: DriveWatcher | None = None,
+    watcher: Callable[[Sample, DriveStatus | None], object] | None = None,
 ) -> Result:
     """Run until a command, Ctrl-C or a number of samples ends it.
 
@@ -195,7 +189,7 @@ def drive(
         queue: commands of a user; None for those of the log alone.
         samples: number of samples; None for no end.
         clock: clock to follow; None does not wait.
-        watcher: page that shows each sample, and a status ten times per second.
+        watcher: function that shows each sample, and a status ten times per second.
 
     Returns:
         The result; a run that failed keeps what it reached, with ``error`` set.
@@ -227,7 +221,7 @@ def drive(
                     # Not in each sample: a status costs kinematics, and nobody reads a hundred in a second.
                     is_due = found.time >= due
                     due = found.time + _STATUS if is_due else due
-                    watcher.show(found, _status(prepared, run, found, queue, clock) if is_due else None)
+                    watcher(found, _status(prepared, run, found, queue, clock) if is_due else None)
                 # Before the plant moves: the record ends at the sample of the command.
                 if any(isinstance(each, commands.EndRun) for each in given) or sample + 1 == samples:
                     break
