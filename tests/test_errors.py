@@ -73,10 +73,10 @@ def test_all_has_the_extras_that_commands_ask_for_and_the_table_has_every_extra(
 
 @pytest.mark.parametrize("extra", errors._PACKAGES)
 def test_a_message_names_an_extra_that_brings_the_package(extra):
-    package = errors._PACKAGES[extra]
-    assert package.module in {re.split(r"\W", requirement)[0] for requirement in DECLARED[extra]}
+    name, module = errors._PACKAGES[extra]
+    assert module in {re.split(r"\W", requirement)[0] for requirement in DECLARED[extra]}
     command = errors.missing_extra(extra)
-    assert command == f"{package.name} is not installed: pip install '.[{extra}]' in the folder of rnc_pin's source"
+    assert command == f"{name} is not installed: pip install '.[{extra}]' in the folder of rnc_pin's source"
 
 
 @pytest.mark.parametrize(("larger", "smaller"), [*(("test", each) for each in errors._PACKAGES), ("docs", "mujoco")])

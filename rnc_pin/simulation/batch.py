@@ -126,8 +126,7 @@ class _Batch:
         # A plant for each run: a run that needs a comparison or another chart takes that step alone.
         self._plants = [plant.twin() for _ in arguments]
         self._runs = [
-            # Room for one sample: all rows are handed over at the end.
-            _started(number, run._replace(plant=own, samples=1))
+            _started(number, run._replace(plant=own))
             for number, (run, own) in enumerate(zip(arguments, self._plants, strict=True))
         ]
         calls = runs_of(self._reduced.evaluator)

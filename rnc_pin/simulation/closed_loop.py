@@ -201,7 +201,7 @@ def free_motion(
     y0 = dynamics.initial(start.q, start.v)
     # Even times that end at the duration exactly, also where it is no multiple of dt.
     times_of_samples = np.linspace(0.0, duration, round(duration / dt) + 1)
-    record = Record(model, len(times_of_samples), dynamics.integrated)
+    record = Record(model, dynamics.integrated)
 
     def advance(progress: Progress) -> None:
         progress.active_component = "the feedback" if feedback else "the model"

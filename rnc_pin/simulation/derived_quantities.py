@@ -6,9 +6,8 @@ Top views show bodies that move on the ground: those with wheels, runners or bal
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +17,7 @@ from rnc_pin.analysis import NormalForces
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.math.linear_algebra import apply, apply_transposed
 from rnc_pin.model.cached_property import once_per_model
-from rnc_pin.model.evaluator import Evaluator, evaluator_for
+from rnc_pin.model.evaluator import evaluator_for
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.reduction_data import best_entries
@@ -31,7 +30,6 @@ from rnc_pin.simulation.trajectory import Trajectory
 from rnc_pin.version import __version__
 
 _MATRICES = 8  # temporary (n, n) matrices for each sample
-_MOST_REDUCTIONS = 16  # kept for each model
 
 
 def derive(record: Record, info: run_info.RunInfo) -> Trajectory:
@@ -202,11 +200,12 @@ def _quantities(record: Record, forces: _Forces, signals: dict[str, Array]) -> d
         "position_residual": (), "singular_value": (), "ground_poses": (3 * len(bodies),),
     }  # fmt: skip
     derived = {name: np.empty((record.count, *size)) for name, size in sizes.items()}
+    forces_of_plant = record.external
     for start, end, plant in record.stretches():
         for inner in blocks(end - start, _MATRICES * reduced.n**2):
             block = slice(start + inner.start, start + inner.stop)
             t, q, v, T = (signals[name][block] for name in ("time", "q", "v", "T"))
-            external = None if record.external is None else record.external[block]
+            external = None if forces_of_plant is None else forces_of_plant[block]
             seen = StateEvaluation.at(reduced.evaluator, q, v=v, t=t)
             derived["F"][block] = _reduced_forces(reduced, seen, t, T)
             derived["singular_value"][block] = seen.smallest_singular_value
@@ -240,7 +239,8 @@ def _contact_quantities(
 ) -> dict[str, Array]:
     """Forces of the rows and contacts of a plant, in the columns of the run; zero or NaN for rows that it has not."""
     # Contact forces do not depend on the choice of outputs, nor on their singularities.
-    moved = own.in_reduction(_free_evaluators(plant)(tuple(best_entries(own.A[0], plant.r))))
+    data = plant.reduction_data.in_entries(tuple(best_entries(own.A[0], plant.r)), free=True)
+    moved = own.in_reduction(evaluator_for(data, plant.evaluator))
     missing, pushing = 0.0 if forces.switching else np.nan, np.zeros((len(T), 0))
     if forces.normal_forces:
         normal = forces.normal[plant]
@@ -251,19 +251,6 @@ def _contact_quantities(
         "contact_forces": _by_name(forces.contact_forces, every, moved.contact_forces(T, external), missing),
         "normal_forces": pushing,
     }
-
-
-@once_per_model
-def _free_evaluators(reduced: ReducedModel) -> Callable[[tuple[int, ...]], Evaluator]:
-    """Function that returns the evaluator for entries of v; others are selected where these are dependent."""
-    data, known = reduced.reduction_data, reduced.evaluator
-
-    # Kept for the next runs. Contacts that switch ask for many, and memory has to stay bounded.
-    @lru_cache(_MOST_REDUCTIONS)
-    def evaluator(entries: tuple[int, ...]) -> Evaluator:
-        return evaluator_for(data.in_entries(entries, free=True), known)
-
-    return evaluator
 
 
 def _by_name(wanted: Sequence[str], known: Sequence[str], values: Array, missing: float) -> Array:

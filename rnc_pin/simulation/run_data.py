@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
-from itertools import accumulate
+from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple, Self
 
@@ -36,24 +36,35 @@ _BLOCK = 1000  # largest number of samples in a block
 _ROOM = 16e6  # memory for the matrices of a block [bytes]
 
 
+class _Recorded(NamedTuple):
+    """One sample of a record."""
+
+    row: Array
+    """Numbers that every sample has, in the order of the columns."""
+    plant: ReducedModel | None
+    """Model of the plant, if it is known."""
+    external: Array | None
+    """Generalized forces (nv,) in addition to the inputs."""
+    optional: Mapping[str, Array]
+    """Numbers that most plants and controllers do not tell, by name of their array."""
+
+
 class Record:
     """Samples of a run, recorded one by one.
 
     Args:
         reduced: reduced model of the controller.
-        capacity: expected number of samples; ``add`` makes room for more.
         carries: mask (r,) of the reducing outputs with a valid integral.
         report: what the plant tells at the start: contacts with friction, and forces that it states itself.
 
     Attributes:
-        count: number of samples so far.
+        width: numbers of a sample.
         contacts: names of the contacts whose friction is recorded.
         own_forces: of "normal_forces" and "contact_forces", units by name of the forces that the plant states itself.
-        external: generalized forces (capacity, nv) in addition to the inputs; None without any.
     """
 
-    def __init__(self, reduced: ReducedModel, capacity: int, carries: Array, report: PlantReport = _SILENT) -> None:
-        self.reduced, self.carries, self.capacity, self.count = reduced, carries, capacity, 0
+    def __init__(self, reduced: ReducedModel, carries: Array, report: PlantReport = _SILENT) -> None:
+        self.reduced, self.carries = reduced, carries
         self.contacts = tuple(report.friction_used)
         newtons = dict.fromkeys(report.normal_forces, "N")
         self.own_forces = {"normal_forces": newtons, "contact_forces": dict(report.contact_force_units)}
@@ -62,18 +73,15 @@ class Record:
             "time": 1, "work": 1, "q": reduced.robot.nq, "v": reduced.n, "v2": r, "x1": k, "x2": r, "v1": k,
             "T": reduced.p, "integrals": r, "v2_desired": r, "x1_desired": k, "x2_desired": r,
         }  # fmt: skip
-        # One row for each sample, so that a sample is written at once.
-        self.arrays = {name: np.zeros((capacity, 0)) for name in _OPTIONAL}
-        self._use_rows(np.full((capacity, self.width), np.nan))
-        self.arrays["integrals"][:] = 0.0
+        self.width = sum(self._columns.values())
         self._no_goals = tuple(np.full(size, np.nan) for size in (r, k, r))
-        self._models: list[tuple[int, ReducedModel | None]] = []  # first sample and plant model
-        self.external: Array | None = None
+        self._shapes: dict[str, tuple[int, ...]] = {}  # of the optional arrays in a sample
+        self._samples: list[_Recorded] = []
 
     @property
-    def width(self) -> int:
-        """Numbers of a sample."""
-        return sum(self._columns.values())
+    def count(self) -> int:
+        """Number of samples so far."""
+        return len(self._samples)
 
     def take(self, rows: Array) -> None:
         """Take the rows (N, ``width``) of samples that somebody else has recorded, of a plant with the same model.
@@ -81,42 +89,7 @@ class Record:
         Args:
             rows: rows (N, ``width``), in the order of the columns.
         """
-        self.capacity = self.count = len(rows)
-        self.arrays = {name: np.zeros((len(rows), 0)) for name in _OPTIONAL}
-        self._models = [(0, self.reduced)]
-        self._use_rows(rows)
-
-    def _use_rows(self, rows: Array) -> None:
-        """Set the array of all samples; the arrays by name are views of it."""
-        ends = dict(zip(self._columns, accumulate(self._columns.values()), strict=True))
-        self._rows = rows
-        self.arrays |= {name: rows[:, end - self._columns[name] : end] for name, end in ends.items()}
-        # Series, where the others are matrices.
-        self.arrays |= {name: self.arrays[name][:, 0] for name in ("time", "work")}
-
-    def _grow(self) -> None:
-        """Double the capacity. A run that a user ends has no known length."""
-        more = self.capacity
-        for name in _OPTIONAL:
-            array = self.arrays[name]
-            self.arrays[name] = np.concatenate([array, np.full((more, array.shape[1]), np.nan)])
-        self._use_rows(np.concatenate([self._rows, np.full((more, self._rows.shape[1]), np.nan)]))
-        if self.external is not None:
-            self.external = np.concatenate([self.external, np.zeros((more, self.reduced.n))])
-        self.capacity += more
-
-    def _moves(self, model: ReducedModel | None, external: Array | None) -> None:
-        """Set the plant model of the next samples, and the external forces (nv,) of the next one."""
-        if self.count == self.capacity:
-            self._grow()
-        if not self._models or self._models[-1][1] is not model:
-            # Models are kept by their first sample: derived quantities of a stretch are evaluated together.
-            self._models.append((self.count, model))
-        if external is not None:
-            if self.external is None:
-                # Zero before: a plant may begin to report forces in the middle of a run.
-                self.external = np.zeros((self.capacity, self.reduced.n))
-            self.external[self.count] = external
+        self._samples = [_Recorded(row, self.reduced, None, {}) for row in rows]
 
     def add(
         self,
@@ -144,47 +117,63 @@ class Record:
         Raises:
             InputError: a goal or an estimate of the command has another shape than before.
         """
-        self._moves(report.reduced, report.external)
-        # After ``_moves``, which may have made room in new arrays.
-        row, given = self._rows[self.count], (command.v2_desired, command.x1_desired, command.x2_desired)
+        given = command.v2_desired, command.x1_desired, command.x2_desired
         goals = [
             none if goal is None else _expect(name, goal, none.shape)
             for name, goal, none in zip(GOALS, given, self._no_goals, strict=True)
         ]
         x1, x2 = state.outputs(integrals) if outputs is None else outputs
         # One call for all columns: samples are recorded while the loop waits.
-        row[0], row[1] = t, report.work
-        np.concatenate((state.q, state.v, state.v2, x1, x2, state.v1, T, integrals, *goals), out=row[2:])
+        row = np.concatenate([(t, report.work), state.q, state.v, state.v2, x1, x2, state.v1, T, integrals, *goals])
         # None for an empty list: to ask NumPy for four sizes takes as long as recording the rest.
         stated = [[*getattr(report, name).values()] or None for name in _STATED]
-        optional = command.estimates, command.prediction_error, v_measured, *stated
-        for name, value in zip(_OPTIONAL, optional, strict=True):
-            # Most plants and controllers tell nothing here: their runs have arrays without columns.
-            if value is None or not np.size(value):
-                continue
-            if not self.arrays[name].shape[1]:  # the first sample that has it: those before have NaN
-                self.arrays[name] = np.full((self.capacity, np.size(value)), np.nan)
-            self.arrays[name][self.count] = _expect(name, value, self.arrays[name].shape[1:])
-        self.count += 1
+        told = zip(_OPTIONAL, (command.estimates, command.prediction_error, v_measured, *stated), strict=True)
+        optional = {
+            name: np.array(_expect(name, value, self._shapes.setdefault(name, np.shape(value))))
+            for name, value in told
+            if value is not None and np.size(value)
+        }
+        external = None if report.external is None else np.array(report.external)
+        # In one step: Ctrl-C may come between any two, and a sample is whole or missing.
+        self._samples.append(_Recorded(row, report.reduced, external, optional))
 
     @property
     def signals(self) -> dict[str, Array]:
         """Contiguous arrays (N, ...) of the samples so far, by name."""
-        return {name: np.ascontiguousarray(array[: self.count]) for name, array in self.arrays.items()}
+        rows = np.array([each.row for each in self._samples]).reshape(-1, self.width)
+        ends = np.cumsum(list(self._columns.values()))[:-1]
+        parts = zip(self._columns, np.split(rows, ends, axis=1), strict=True)
+        found = {name: np.ascontiguousarray(part) for name, part in parts}
+        # Series, where the others are matrices.
+        found |= {name: found[name][:, 0] for name in ("time", "work")}
+        for name in _OPTIONAL:
+            # Runs in which nobody told it have an array without columns; samples without it have NaN.
+            none = np.full(self._shapes.get(name, 0), np.nan)
+            told = [each.optional.get(name, none) for each in self._samples]
+            found[name] = np.array(told, dtype=float).reshape(len(told), -1 if len(told) else none.size)
+        return found
+
+    @property
+    def external(self) -> Array | None:
+        """Generalized forces (N, nv) in addition to the inputs; None without any."""
+        if all(each.external is None for each in self._samples):
+            return None
+        none = np.zeros(self.reduced.n)  # a plant may begin to report forces in the middle of a run
+        return np.array([none if each.external is None else each.external for each in self._samples])
 
     @property
     def plant_models(self) -> list[ReducedModel]:
         """Known models of the plant, in the order of their first samples."""
-        return list(dict.fromkeys(model for _, model in self._models if model is not None))
+        return list(dict.fromkeys(each.plant for each in self._samples if each.plant is not None))
 
     def stretches(self) -> Iterator[tuple[int, int, ReducedModel]]:
         """Yield first sample, end and model of each interval with one plant; the controller's model for an unknown."""
-        # A run that ended before its first sample has no model of a plant.
-        told = self._models or [(0, None)]
-        ends = [start for start, _ in told[1:]] + [self.count]
-        for (start, model), end in zip(told, ends, strict=True):
-            if start < end:
-                yield start, end, self.reduced if model is None else model
+        start = 0
+        for _, group in groupby(self._samples, lambda each: id(each.plant)):
+            (first, *others) = group
+            end = start + 1 + len(others)
+            yield start, end, self.reduced if first.plant is None else first.plant
+            start = end
 
 
 def _expect(name: str, value: Array | list[float], shape: tuple[int, ...]) -> Array:

@@ -342,8 +342,12 @@ class RunInfo:
         # Names of all arrays share one mapping in a file, and so do their units.
         columns["names"] |= {array: getattr(outputs, array) for array in _OTHER_ARRAYS}
         columns["units"] |= {array: getattr(outputs, f"{array}_units") for array in _WITH_UNITS}
-        parts: dict[str, object] = {
+        content: dict[str, object] = {
+            **columns,
+            "goals": self.goals,
             "dt": self.dt,
+            "versions": self.versions,
+            **self.provenance.to_json(),
             "outcome": str(self.outcome),
             "message": self.message,
             "phases": [asdict(each) for each in self.phases] or None,
@@ -352,9 +356,7 @@ class RunInfo:
             "integration": self.integration and asdict(self.integration),
             "verdict": self.verdict and self.verdict.to_json(),
         }
-        known = {name: part for name, part in parts.items() if part is not None}
-        content = {**columns, "goals": self.goals, "versions": self.versions, **self.provenance.to_json(), **known}
-        return to_json_mapping(content, "meta")
+        return to_json_mapping({name: part for name, part in content.items() if part is not None}, "meta")
 
     @classmethod
     def from_json(cls, content: Json) -> RunInfo:

@@ -148,7 +148,7 @@ class SampledRun:
 
     def __init__(self, arguments: RunArguments) -> None:
         check_arguments(arguments)
-        reduced, controller, q0, dt, samples, v2_0, plant, options = arguments
+        reduced, controller, q0, dt, _, v2_0, plant, options = arguments
         self.controller = controller
         origin = run_info.provenance_of(options.meta)
         # What could not be found is an error before the run, and loses no results.
@@ -178,7 +178,7 @@ class SampledRun:
             state = controller.initial_state(adapter.read_state(0.0).measure(zeros))
         # Time begins at zero here, so that references do not depend on when the first measurement comes.
         self.loop.resume(LoopState(begin=0.0, controller=state))
-        self.record = Record(reduced, samples, integrated_outputs(reduced), adapter.reported)
+        self.record = Record(reduced, integrated_outputs(reduced), adapter.reported)
 
     @property
     def plant(self) -> Plant:

@@ -255,7 +255,7 @@ class RunArguments(NamedTuple):
     q0: np.ndarray
     dt: float
     samples: int
-    """Number of samples, or the expected one if the caller ends the run."""
+    """Number of samples; 0 if the caller ends the run."""
     v2_0: np.ndarray | None = None
     plant: Plant | None = None
     options: SimulationOptions = DEFAULT_OPTIONS

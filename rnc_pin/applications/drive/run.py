@@ -129,7 +129,6 @@ def _soft(name: str) -> bool:
     return name.endswith(" acceleration")
 
 
-_CAPACITY = 4096  # samples; the record grows
 _STATUS = 0.1  # period of the status [s]
 
 
@@ -201,7 +200,7 @@ def drive(
         experiment.controller,
         experiment.q0,
         settings.dt,
-        _CAPACITY if samples is None else min(samples, _CAPACITY),
+        samples or 0,
         plant=experiment.plant,
         options=prepared.scenario.options(),
     )

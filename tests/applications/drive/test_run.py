@@ -1,7 +1,5 @@
 """Driven runs with scripted commands: goals, limits, obstacles and refusals; and the lines of their status."""
 
-from itertools import count
-from types import SimpleNamespace
 
 import coal
 import numpy as np
@@ -261,7 +259,7 @@ def test_commands_of_a_queue_are_logged_at_their_sample_and_give_the_same_motion
         if command := commands.get(round(sample.time / DT)):
             assert queue.put(command)
 
-    result = drive(live, queue, watcher=SimpleNamespace(show=show))
+    result = drive(live, queue, watcher=show)
     assert [each.sample for each in live.log] == [11, 91]
     assert result.trajectory.outcome is rnc.Outcome.COMPLETED
     assert len(result.trajectory.time) == 92
@@ -270,19 +268,6 @@ def test_commands_of_a_queue_are_logged_at_their_sample_and_give_the_same_motion
     repeated = drive(again, samples=92).trajectory
     assert np.array_equal(result.trajectory.q, repeated.q)
     assert np.array_equal(result.trajectory.T, repeated.T)
-
-
-def test_a_run_without_end_grows_its_record(monkeypatch):
-    monkeypatch.setattr("rnc_pin.applications.drive.run._CAPACITY", 8)
-    run = manipulator([(2, goal(2.0, 0.6))])
-    queue, calls = CommandQueue(run.controls), count(1)
-    user = SimpleNamespace(show=lambda *_: next(calls) == 50 and queue.put({"kind": "end"}))
-    grown = drive(run, queue, watcher=user).trajectory
-    monkeypatch.undo()
-    whole = drive(manipulator([(2, goal(2.0, 0.6))]), samples=51).trajectory
-    assert len(grown.time) == 51
-    assert np.array_equal(grown.q, whole.q)
-    assert np.array_equal(grown.v2, whole.v2)
 
 
 REFUSED = {
