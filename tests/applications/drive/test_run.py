@@ -1,6 +1,5 @@
 """Driven runs with scripted commands: goals, limits, obstacles and refusals; and the lines of their status."""
 
-
 import coal
 import numpy as np
 import pinocchio as pin
