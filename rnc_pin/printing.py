@@ -137,8 +137,8 @@ def described(value: object) -> Sequence[Item]:
     if isinstance(value, Mapping):
         return [Item(str(name), _value(each)) for name, each in value.items()]
     if isinstance(value, Collection) and not (isinstance(value, str) or _is_record(value) or _prints(value)):
-        return [Item(_line_of(each)) for each in value]
-    return [Item(_line_of(value))]
+        return [Item(_value(each, alone=True)) for each in value]
+    return [Item(_value(value, alone=True))]
 
 
 def shortened(line: str, width: int = WIDTH) -> str:
@@ -189,17 +189,26 @@ def _call(kind: type, settings: Mapping[str, object]) -> str:
     return f"{kind.__name__}({', '.join(said)})"
 
 
-def _value(value: object) -> str:
-    """Value in one line, as a part of another one."""
+def _value(value: object, alone: bool = False) -> str:
+    """Value in one line, as a part of another one or alone."""
     # Objects with settings show them, as a call that makes them again.
     if isinstance(value, ReprMixin):
         return repr(value)
-    if isinstance(value, str | Enum | Number | np.generic):
-        return _line_of(value)
+    if isinstance(value, Enum):
+        return str(value.value)
+    if isinstance(value, str):
+        return shortened(value)
+    if isinstance(value, bool | int | np.integer | np.bool_):
+        return str(value)
+    if isinstance(value, Number | np.generic):
+        return _number(value)
     if isinstance(value, np.ndarray):
         if value.ndim == 1:
             return np.array2string(value, precision=4, threshold=_MOST, edgeitems=3, max_line_width=1000)
         return f"[{' x '.join(map(str, value.shape))}]"
+    if alone and _prints(value):
+        text = str(value)
+        return shortened(repr(value) if "\n" in text else text)
     if isinstance(value, list | tuple) and not (_is_record(value) or _prints(value)):
         return f"[{', '.join(map(_value, value))}]"
     if isinstance(value, Mapping) and not _prints(value):
@@ -214,22 +223,6 @@ def _outline(value: object) -> object:
     if _is_record(value):
         return f"{type(value).__name__}(...)"
     return list(map(_outline, value)) if isinstance(value, list | tuple) else value
-
-
-def _line_of(value: object) -> str:
-    """Value in one line, alone."""
-    if isinstance(value, bool | int | np.integer | np.bool_):
-        return str(value)
-    if isinstance(value, Enum):
-        return str(value.value)
-    if isinstance(value, Number | np.generic):
-        return _number(value)
-    if isinstance(value, str):
-        return shortened(value)
-    if _prints(value) and not isinstance(value, np.ndarray):
-        text = str(value)
-        return shortened(repr(value) if "\n" in text else text)
-    return _value(value)
 
 
 def _prints(value: object) -> bool:
@@ -254,7 +247,7 @@ def _numbers(array: np.ndarray) -> Sequence[str]:
     """Numbers of a short list; of another array its shape and range."""
     # A few numbers are read one by one; of more, a range tells whether they are sensible.
     if array.ndim <= 1 and array.size <= _MOST and array.dtype != object:
-        return [_line_of(each) for each in np.atleast_1d(array)]
+        return [_value(each) for each in np.atleast_1d(array)]
     shape = f"{len(array)} values" if array.ndim == 1 else " x ".join(map(str, array.shape))
     # A single NaN would make the range NaN, although it tells the rest.
     finite = array[np.isfinite(array)] if array.dtype.kind in "fiu" else np.empty(0)
