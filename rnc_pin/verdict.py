@@ -13,7 +13,7 @@ from enum import StrEnum
 from functools import cached_property
 from typing import Any
 
-from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.errors import place_of
 from rnc_pin.io.json import Json
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin, printed
 
@@ -232,8 +232,4 @@ def finding_kind(name: FindingKind | str) -> FindingKind:
     Raises:
         ConfigurationError: there is no such kind.
     """
-    try:
-        return FindingKind(name)
-    except ValueError:
-        known = [str(each) for each in FindingKind]
-        raise ConfigurationError(f"no kind of finding '{name}'{nearest(str(name), known)}") from None
+    return list(FindingKind)[place_of(str(name), list(map(str, FindingKind)), "no kind of finding")]

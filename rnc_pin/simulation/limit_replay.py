@@ -284,11 +284,10 @@ def _spaced(time: np.ndarray, step: float) -> np.ndarray:
     """Indices of samples that are at least a step apart, with the first and the last."""
     if not step > 0:
         return np.arange(len(time))
-    cells = np.floor((time - time[0]) / step + 1e-9)  # sums of periods round: a sample may be just before its cell
-    begins = np.diff(cells, prepend=-1.0) > 0
+    # Sums of periods round: a sample may be just before its mark.
+    marks = np.arange(time[0], time[-1], step) - 1e-9 * step
     # The end of a run is what a reader of a curve looks for.
-    begins[-1] = True
-    return np.flatnonzero(begins)
+    return np.unique([*np.searchsorted(time, marks), len(time) - 1])
 
 
 class _Limited(NamedTuple):

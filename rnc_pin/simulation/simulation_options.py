@@ -113,9 +113,7 @@ class StopMonitor:
             DivergenceError: a reduced velocity exceeds the limit, or is not finite.
             LimitError: a joint is outside its position limits.
         """
-        speed = 0.0
-        if not np.vdot(state.v2, state.v2) < self._speed * self._speed:  # the length bounds every entry
-            speed = np.abs(state.v2).max()
+        speed = np.abs(state.v2).max(initial=0.0)
         if not speed < self._speed:
             raise DivergenceError(f"reduced velocities reached {speed:.3g}, limit {self._speed:g}", time=t)
         for name, index, low, high in self._ranges:
