@@ -25,16 +25,6 @@ from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.plant import ROUNDING
 
 
-class RunStarts(NamedTuple):
-    """States and inputs of B runs at the start of a step."""
-
-    q: Float[Array, "B nq"]
-    y: Float[Array, "B s"]
-    T: Float[Array, "B p"]
-    kinematics: Array | None = None
-    """Records of kinematics at q, if known."""
-
-
 class Dissipation(NamedTuple):
     """Damping and dry friction of B runs."""
 
@@ -85,9 +75,12 @@ class CompiledRuns:
     def integrate(
         self,
         charts: tuple[object, ...],
-        start: RunStarts,
+        q: Array,
+        y: Array,
+        T: Array,
         h: float,
         steps: int,
+        kinematics: Array | None = None,
         losses: Dissipation | None = None,
         end: Array | None = None,
     ) -> tuple[Array, Array, Array, Array]:
@@ -95,24 +88,26 @@ class CompiledRuns:
 
         Args:
             charts: as for ``velocities``.
-            start: states and inputs at the start.
+            q: configurations (B, nq) at the start.
+            y: states (B, s) at the start.
+            T: inputs (B, p).
             h: duration of each step [s].
             steps: number of steps.
+            kinematics: records of kinematics at q, if known.
             losses: damping and dry friction, as ``DissipativeStep.advance``; None for Runge-Kutta steps without them.
             end: array for the states y at the end; a new one by default.
         """
-        q, y, T, kinematics = start
         found = np.empty_like(q), np.empty_like(y) if end is None else end, np.zeros(len(q)), np.zeros(len(q))
         self._calls.integrate(charts, q, y, T, h, steps, kinematics, *found, None, *(losses or (None, None, None)))
         return found
 
     def friction(
-        self, charts: tuple[object, ...], start: RunStarts, h: float, losses: Dissipation
+        self, charts: tuple[object, ...], q: Array, y: Array, T: Array, h: float, losses: Dissipation
     ) -> tuple[Array, Array]:
         """Generalized forces (B, nv) of dry friction during a step, and status (B,); arguments as of ``integrate``."""
         # Of no steps, the kernel writes forces in place of the states y.
         forces = np.empty((len(charts), self._kernel.data.n))
-        return self.integrate(charts, start, h, 0, losses, forces)[1:3]
+        return self.integrate(charts, q, y, T, h, 0, None, losses, forces)[1:3]
 
     def states(self, q: Array, v: Array, kinematics: Array, status: Array) -> StateEvaluation:
         """Evaluation at states (q, v) with records of kinematics, which nobody may change afterwards.

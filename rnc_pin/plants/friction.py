@@ -16,7 +16,7 @@ from rnc_pin.math.linear_algebra import apply_transposed
 from rnc_pin.model.integrators import ExponentialRungeKutta4, LieRungeKutta4, LinearPart, phi_functions
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.plants.constrained_dynamics import ConstrainedDynamics, Dissipation, RunStarts, check_conserved, runs_of
+from rnc_pin.plants.constrained_dynamics import ConstrainedDynamics, Dissipation, check_conserved, runs_of
 
 _RANK = 1e-12  # relative singular value, or relative error of a time, that is rounding
 
@@ -179,9 +179,9 @@ class DissipativeStep:
             y: state of the integrator.
             T: actuator inputs (p,).
         """
-        runs, start = runs_of(self._dynamics.chart.evaluator), RunStarts(q[None], y[None], T[None])
+        runs = runs_of(self._dynamics.chart.evaluator)
         if runs is not None:
-            found, status = runs.friction((runs.chart,), start, INSTANT, self.losses)
+            found, status = runs.friction((runs.chart,), q[None], y[None], T[None], INSTANT, self.losses)
             # The kernel declines rows of a user, and steps that leave the chart.
             if status[0] == 1.0:
                 return found[0]
@@ -203,9 +203,9 @@ class DissipativeStep:
         Raises:
             DivergenceError: velocities or accelerations are not finite.
         """
-        runs, start = runs_of(self._dynamics.chart.evaluator), RunStarts(q[None], y[None], T[None])
+        runs = runs_of(self._dynamics.chart.evaluator)
         if runs is not None:
-            found = runs.integrate((runs.chart,), start, h, steps, self.losses)
+            found = runs.integrate((runs.chart,), q[None], y[None], T[None], h, steps, losses=self.losses)
             if found[2][0] == 1.0:
                 return found[0][0], found[1][0], float(found[3][0])
         roughness = 0.0

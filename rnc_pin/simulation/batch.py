@@ -24,7 +24,7 @@ from rnc_pin.model.evaluator import Evaluator
 from rnc_pin.model.input_validation import numbers_of
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import ReducedPlant
-from rnc_pin.plants.constrained_dynamics import MAX_GROWTH, RunStarts, runs_of
+from rnc_pin.plants.constrained_dynamics import MAX_GROWTH, runs_of
 from rnc_pin.plants.plant import IntegrationErrors
 from rnc_pin.plants.reduced_plant import Checkpoint
 from rnc_pin.simulation.run_info import Outcome
@@ -238,7 +238,7 @@ class _Batch:
             which = np.flatnonzero(steps_of_runs == steps)
             charts = tuple(self._chart_calls[which])
             q, y, T, kinematics = (each[which] for each in (self._q, self._y, self._T, self._kinematics))
-            q, y, status, rough = self._calls.integrate(charts, RunStarts(q, y, T, kinematics), self._dt / steps, steps)
+            q, y, status, rough = self._calls.integrate(charts, q, y, T, self._dt / steps, steps, kinematics)
             # The rule of ``ReducedPlant.advance``: a run beside others takes the steps of a run alone.
             before = IntegrationErrors._make(each[which] for each in self._errors)
             accepted, after = before.after(cast(float, rough), self._dt, self._plants[0].followed * self._dt)

@@ -9,7 +9,7 @@ from scipy.optimize import lsq_linear
 import rnc_pin as rnc
 from bodies import add_body
 from rnc_pin.plants import ReducedPlant
-from rnc_pin.plants.constrained_dynamics import RunStarts, runs_of
+from rnc_pin.plants.constrained_dynamics import runs_of
 from rnc_pin.plants.friction import INSTANT, _least_energy
 from simple_controllers import Inputs
 from systems import arm_on_base, floating_robot
@@ -195,8 +195,8 @@ def test_the_kernel_takes_the_steps_of_numpy(effects):
         v = reduced.at(q0, 10.0 ** generator.uniform(-3.0, 0.3) * generator.standard_normal(reduced.r)).v
         T = 10.0 ** generator.uniform(-2.0, 1.0) * generator.standard_normal(reduced.p)
         plant.reset(q0, v)
-        runs, start = runs_of(plant.dynamics.chart.evaluator), RunStarts(plant._q[None], plant._y[None], T[None])
-        q, y, status, roughness = (each[0] for each in runs.integrate((runs.chart,), start, 0.02, 1, losses))
+        runs, start = runs_of(plant.dynamics.chart.evaluator), (plant._q[None], plant._y[None], T[None])
+        q, y, status, roughness = (each[0] for each in runs.integrate((runs.chart,), *start, 0.02, 1, losses=losses))
         if status != 1.0:
             continue
         compared += 1
@@ -205,7 +205,7 @@ def test_the_kernel_takes_the_steps_of_numpy(effects):
         np.testing.assert_allclose(y, by_numpy[1], rtol=1e-11, atol=1e-11)
         np.testing.assert_allclose(roughness, by_numpy[2], rtol=1e-6, atol=1e-9)
         stopped += np.isinf(roughness)
-        found, status = runs.friction((runs.chart,), start, INSTANT, losses)
+        found, status = runs.friction((runs.chart,), *start, INSTANT, losses)
         state = plant.dynamics.at(plant._q, plant._y)
         linear, w_dot = step._linear(state, T)
         if len(step.friction.limits):
