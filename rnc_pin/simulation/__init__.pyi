@@ -56,6 +56,7 @@ from .simulation_options import StopMonitor as StopMonitor
 from .simulation_options import assembled_start as assembled_start
 from .simulation_options import sample_count as sample_count
 from .summary import Compared as Compared
+from .summary import PrintedSummary as PrintedSummary
 from .summary import Summary as Summary
 from .summary import add_limits as add_limits
 from .summary import add_verdict as add_verdict

@@ -18,8 +18,7 @@ from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import RncError
 from rnc_pin.interruption import uninterrupted
 from rnc_pin.printing import Line, SummaryMixin
-from rnc_pin.simulation import Summary
-from rnc_pin.simulation.summary import PrintedSummary
+from rnc_pin.simulation import PrintedSummary, Summary
 from rnc_pin.verdict import Severity, Verdict, weight_of
 
 
