@@ -185,12 +185,7 @@ def summarize(trajectory: RunData, wall_time: float | None = None) -> Summary:
 
 
 class PrintedSummary(SummaryMixin, dict[str, object]):
-    """Mapping of a summary that prints itself, with units.
-
-    Args:
-        content: the mapping.
-        outputs: names and units of outputs and actuators.
-    """
+    """Mapping of a summary that prints itself, with units of outputs and actuators; ``summarize`` makes it."""
 
     def __init__(self, content: Mapping[str, object], outputs: OutputNames) -> None:
         super().__init__(content)
