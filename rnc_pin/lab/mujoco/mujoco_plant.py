@@ -9,6 +9,7 @@ torque that turns a single wheel about the vertical.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -101,7 +102,6 @@ class MuJoCoPlant:
         self._equalities = [JointEquality(self.model, name, coupler) for name, coupler in couplers]
         self._ground = Ground(self.model, self.data, [*contacts, *casters], self.settings, plane)
         self.wheel_names = self._ground.names
-        self._drawn_wheels = [self.wheel_names.index(name) for name in self._inputs.drawn]
         self.casters = tuple(each.name for each in casters)
         self.wheel_driven = self._inputs.wheel_driven
         self._limits = reduced.actuation.limits
@@ -176,8 +176,7 @@ class MuJoCoPlant:
         self.model.opt.timestep = dt / steps
         q, _ = self.read()
         wheel_force, drawn = self._inputs.wheel_forces(q, self.applied)
-        drive_forces = np.zeros(len(self.wheel_names))
-        drive_forces[self._drawn_wheels] = drawn
+        drive_forces = np.array([drawn.get(name, 0.0) for name in self.wheel_names])
         # Torques of wheels are held over a sample, as those of motors are; a force on a frame turns with it.
         force = wheel_force if self._inputs.varies else wheel_force + self._inputs.joint_forces(q, self.applied)
         with unlogged(mujoco):
@@ -285,7 +284,6 @@ class ActuatorMapping:
         up: normal of the ground (3,).
 
     Attributes:
-        drawn: drawn wheels without joints, in the order of the forces of ``wheel_forces``.
         wheel_driven: names of the actuators that wheels replace.
     """
 
@@ -294,8 +292,6 @@ class ActuatorMapping:
         self._data = self._robot.model.createData()
         self._kinematics = Kinematics(self._robot)
         self._drives = _drives(reduced, contacts, up)
-        self._drawn = [k for k, drive in enumerate(self._drives) if drive.velocity_index is None]
-        self.drawn = tuple(self._drives[k].contact.name for k in self._drawn)
         self._groups = self._assigned(q)
         """Columns of B with the drives that reproduce them."""
         self._used = sorted({drive for _, drives in self._groups for drive in drives})
@@ -308,14 +304,14 @@ class ActuatorMapping:
             fixed = self._actuation.matrix(self._kinematics.position(q)) if wheeled else None
         self._constant = None if fixed is None else fixed[:, self._direct].copy()
 
-    def wheel_forces(self, q: np.ndarray, T: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the wheel forces of inputs: generalized forces (nv,), and forces of drawn wheels (k,) [N].
+    def wheel_forces(self, q: np.ndarray, T: np.ndarray) -> tuple[np.ndarray, dict[str, float]]:
+        """Return the wheel forces of inputs: generalized forces (nv,), and forces of drawn wheels by name [N].
 
         Args:
             q: configuration (nq,).
             T: inputs (p,).
         """
-        force, drawn = np.zeros(self._robot.nv), np.zeros(len(self.drawn))
+        force, drawn = np.zeros(self._robot.nv), defaultdict[str, float](float)
         if not self._groups:
             return force, drawn
         of_inputs, of_drives = self._effects(q, self._used)
@@ -325,7 +321,7 @@ class ActuatorMapping:
             for drive, torque in zip(drives, torques, strict=True):
                 wheel = self._drives[drive]
                 if wheel.velocity_index is None:
-                    drawn[self._drawn.index(drive)] += torque / wheel.contact.radius
+                    drawn[wheel.contact.name] += torque / wheel.contact.radius
                 else:
                     force[wheel.velocity_index] += torque
         return force, drawn
