@@ -193,7 +193,10 @@ def convex_hull(points: ArrayLike, joggled: bool = False) -> Mesh:
     check_counts(len(corners), 0)
     if not np.isfinite(corners).all() or np.abs(corners).max(initial=0.0) > FARTHEST:
         raise MeshError(f"a coordinate is not finite, or beyond {FARTHEST:g}")
-    check_thickness(corners)
+    if len(corners) < 4:
+        raise MeshError(f"a convex hull needs four points, found {len(corners)}")
+    if is_flat(corners):
+        raise MeshError("its points are in a plane: a convex hull needs a volume")
     try:
         hull = ConvexHull(corners, qhull_options="QJ" if joggled else None)
     except QhullError:
@@ -204,25 +207,21 @@ def convex_hull(points: ArrayLike, joggled: bool = False) -> Mesh:
     return checked_mesh(corners, np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices))
 
 
-def check_thickness(points: np.ndarray) -> None:
-    """Refuse points (n, 3) in a plane, which have no convex hull.
+def is_flat(points: np.ndarray) -> bool:
+    """True if points (n, 3) are in a plane, or too close to one for a convex hull.
 
     Args:
         points: the points.
-
-    Raises:
-        MeshError: fewer than four points, or points too close to a plane.
     """
     if len(points) < 4:
-        raise MeshError(f"a convex hull needs four points, found {len(points)}")
+        return True
     spread = points - points.mean(axis=0)
     largest = np.abs(spread).max()
     if largest > 0:
         spread = spread / largest
     extents = np.ptp(spread @ np.linalg.eigh(spread.T @ spread)[1], axis=0)
     flattest = 1e-6  # least thickness of points for a hull, relative to their largest extent
-    if not extents.min() > flattest * extents.max():
-        raise MeshError("its points are in a plane: a convex hull needs a volume")
+    return not extents.min() > flattest * extents.max()
 
 
 # ---------------------------------------------------------------------- readers

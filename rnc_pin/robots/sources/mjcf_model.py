@@ -283,7 +283,8 @@ class MeshAssets:
             try:
                 found = self._read(mesh.name)
                 shapes.count(found)
-                if _is_flat(found, np.array(mesh.scale)):
+                vertices = mesh_formats.scaled_vertices(found, np.array(mesh.scale))
+                if mesh_readers.is_flat(vertices.astype(np.float32).astype(float)):  # the precision of MuJoCo
                     flat.add(mesh.name)
             except MeshError as error:
                 raise ModelError(f"{self._path}: mesh '{mesh.name}': {error}") from None
@@ -328,20 +329,6 @@ class MeshAssets:
 
 def _numbers(attributes: Mapping[str, str], key: str, count: int) -> np.ndarray | None:
     return read_numbers(attributes.get(key, _USUAL[key]), count)
-
-
-def _is_flat(mesh: Mesh, scale: np.ndarray) -> bool:
-    """True if a mesh is in a plane.
-
-    Raises:
-        MeshError: its scale puts vertices too far away.
-    """
-    vertices = mesh_formats.scaled_vertices(mesh, scale)
-    try:
-        mesh_readers.check_thickness(vertices.astype(np.float32).astype(float))  # the precision of MuJoCo
-    except MeshError:
-        return True
-    return False
 
 
 def _inline_triangles(attributes: Mapping[str, str]) -> Mesh:
