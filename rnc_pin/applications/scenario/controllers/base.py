@@ -37,7 +37,7 @@ MIN_SINGULAR_VALUE = 0.01
 
 @dataclass(frozen=True)
 class ControllerContext:
-    """What a scenario has built before its controller.
+    """Objects that a scenario has built before its controller.
 
     Attributes:
         scenario: the validated file.
