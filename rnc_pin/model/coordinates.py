@@ -24,7 +24,7 @@ import pinocchio as pin
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import ConfigurationError
 
-_Angle = TypeVar("_Angle", float, np.ndarray)
+_Angle = TypeVar("_Angle", float, Array)
 
 
 class Coordinates:
@@ -37,7 +37,7 @@ class Coordinates:
     """
 
     def __init__(
-        self, angular: Sequence[bool] | np.ndarray, rotations: Sequence[int] = (), names: Sequence[str] = ()
+        self, angular: Sequence[bool] | Array, rotations: Sequence[int] = (), names: Sequence[str] = ()
     ) -> None:
         self.names = tuple(names)
         self.angular = np.asarray(angular, dtype=bool)
@@ -46,7 +46,7 @@ class Coordinates:
         self._triples = [slice(first, first + 3) for first in self.rotations]
         self._has_angles = bool(self.angular.any())
 
-    def choose(self, places: np.ndarray) -> Coordinates:
+    def choose(self, places: Array) -> Coordinates:
         """Coordinate types of the outputs at some indices, in this order.
 
         Args:
@@ -70,7 +70,7 @@ class Coordinates:
         names = [self.names[place] for place in chosen] if self.names else ()
         return Coordinates(self.angular[chosen], sorted(rotations), names)
 
-    def difference(self, desired: np.ndarray, actual: np.ndarray) -> np.ndarray:
+    def difference(self, desired: Array, actual: Array) -> Array:
         """``desired - actual`` (..., k): angles in (-pi, pi]; ``log(Rd R^T)`` in world axes for rotations.
 
         Args:
@@ -93,7 +93,7 @@ class Coordinates:
                     error[(*at, triple)] = pin.log3(pin.exp3(goal[at]) @ pin.exp3(here[at]).T)
         return error
 
-    def difference_rate(self, error: np.ndarray, desired_rate: np.ndarray, rate: np.ndarray) -> np.ndarray:
+    def difference_rate(self, error: Array, desired_rate: Array, rate: Array) -> Array:
         """Rate of ``difference`` (..., k), from the error and both rates.
 
         Rotations have ``edot = J(e)^-1 wd - J(-e)^-1 w``.
@@ -112,7 +112,7 @@ class Coordinates:
                 change[(*at, triple)] = right.T @ wd[at] - right @ w[at]
         return change
 
-    def moved(self, start: np.ndarray, by: np.ndarray) -> np.ndarray:
+    def moved(self, start: Array, by: Array) -> Array:
         """``start`` displaced by ``by``, (k,). Rotations are rotated by the rotation vector ``by`` in world axes.
 
         Args:
@@ -125,9 +125,7 @@ class Coordinates:
             goal[triple] = pin.log3(pin.exp3(by[triple]) @ pin.exp3(start[triple]))
         return goal
 
-    def to_rates(
-        self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def to_rates(self, position: Array, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
         """Rates and accelerations (k,) of a reference; rotations get angular velocity and angular acceleration.
 
         Args:
@@ -148,7 +146,7 @@ class Coordinates:
             velocity[triple] = J @ velocity[triple]
         return velocity, acceleration
 
-    def unwrap(self, series: np.ndarray, about: np.ndarray | None = None) -> np.ndarray:
+    def unwrap(self, series: Array, about: Array | None = None) -> Array:
         """Remove the jumps of angles and rotation vectors from a record (N, k): they continue past a half turn.
 
         Args:
@@ -172,7 +170,7 @@ class Coordinates:
         return smooth
 
 
-def angle_difference(desired: np.ndarray, actual: np.ndarray, angular: np.ndarray) -> np.ndarray:
+def angle_difference(desired: Array, actual: Array, angular: Array) -> Array:
     """``desired - actual`` (..., k), with angles wrapped to (-pi, pi].
 
     Args:
@@ -208,7 +206,7 @@ def wrapped(angle: _Angle) -> _Angle:
     return np.pi - np.mod(np.pi - angle, 2 * np.pi)
 
 
-def heading_of(rotation: np.ndarray) -> float:
+def heading_of(rotation: Array) -> float:
     """Yaw of the x axis of a rotation matrix (3, 3) [rad].
 
     Args:
@@ -217,7 +215,7 @@ def heading_of(rotation: np.ndarray) -> float:
     return float(np.arctan2(rotation[1, 0], rotation[0, 0]))
 
 
-def left_jacobian(r: np.ndarray, r_dot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def left_jacobian(r: Array, r_dot: Array) -> tuple[Array, Array]:
     """Left Jacobian J(r) with ``w = J(r) rdot``, and its rate along ``rdot``, (3, 3) each.
 
     Args:
@@ -242,7 +240,7 @@ def left_jacobian(r: np.ndarray, r_dot: np.ndarray) -> tuple[np.ndarray, np.ndar
     return J, J_dot
 
 
-def rotation_vector_rates(r: np.ndarray, w: np.ndarray, w_dot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def rotation_vector_rates(r: Array, w: Array, w_dot: Array) -> tuple[Array, Array]:
     """First and second derivative (3,) of a rotation vector, from the angular velocity and acceleration.
 
     Args:
@@ -257,7 +255,7 @@ def rotation_vector_rates(r: np.ndarray, w: np.ndarray, w_dot: np.ndarray) -> tu
     return r_dot, np.linalg.solve(J, w_dot - J_dot @ r_dot)
 
 
-def _nearest_turn(vector: np.ndarray, previous: np.ndarray) -> np.ndarray:
+def _nearest_turn(vector: Array, previous: Array) -> Array:
     """Rotation vector that is nearest to ``previous`` and gives the same rotation as ``vector``."""
     angle = float(np.linalg.norm(vector))
     length = float(np.linalg.norm(previous))

@@ -90,7 +90,7 @@ class OffsetFrame:
         Args:
             model: Pinocchio's model of the robot.
         """
-        return attached(model, self.index, pin.SE3(self._rotation, self._point))
+        return attached(model, self.index, self.offset)
 
 
 def triple(values: Vector, what: str) -> np.ndarray:

@@ -15,7 +15,7 @@ import numpy as np
 from rnc_pin.errors import ConstraintError, SingularityError, few
 from rnc_pin.math.linear_algebra import pivot_columns, unit_rows, weakest_rows
 from rnc_pin.model.generalized_forces import Actuation, PassiveForces
-from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.kinematics import Kinematics, PositionKinematics
 from rnc_pin.model.rows import OutputStack, Rows, RowStack
 from rnc_pin.robots.robot import Robot
 
@@ -127,8 +127,10 @@ def block_row_scales(block: Rows, samples: np.ndarray) -> np.ndarray:
     return np.array([max(lengths[k] for k, other in enumerate(block.units) if other == unit) for unit in block.units])
 
 
-def defined_jacobians(rows: RowStack, robot: Robot, configurations: np.ndarray) -> Iterator[np.ndarray]:
-    """Jacobians (size, nv) at those of some configurations at which all rows are defined.
+def defined_jacobians(
+    rows: RowStack, robot: Robot, configurations: np.ndarray
+) -> Iterator[tuple[PositionKinematics, np.ndarray]]:
+    """Kinematics and Jacobians (size, nv) at those of some configurations at which all rows are defined.
 
     Args:
         rows: the rows.
@@ -138,7 +140,8 @@ def defined_jacobians(rows: RowStack, robot: Robot, configurations: np.ndarray) 
     kinematics = Kinematics(robot)
     for q in configurations:
         with suppress(SingularityError):
-            yield rows.jacobian(kinematics.position(q))
+            position = kinematics.position(q)
+            yield position, rows.jacobian(position)
 
 
 def row_scales(robot: Robot, rows: RowStack, reducing: OutputStack, configurations: np.ndarray) -> np.ndarray:
@@ -153,7 +156,7 @@ def row_scales(robot: Robot, rows: RowStack, reducing: OutputStack, configuratio
         configurations: configurations (count, nq).
     """
     stack = RowStack.joined(rows, reducing)
-    found = [np.linalg.norm(jacobian, axis=-1) for jacobian in defined_jacobians(stack, robot, configurations)]
+    found = [np.linalg.norm(jacobian, axis=-1) for _, jacobian in defined_jacobians(stack, robot, configurations)]
     lengths = np.array(found) if found else np.zeros((1, stack.size))
     # A row of rounding, e.g. out of the plane of a planar loop, must not count as a short one.
     lengths = np.where(lengths > 1e-12 * lengths.max(initial=0.0), lengths, 0.0)

@@ -24,12 +24,12 @@ from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.robots.robot import Robot
 
 __all__ = [
+    "AdaptiveIntegrator",
     "ExponentialCoordinates",
     "ExponentialRungeKutta4",
     "LieRungeKutta4",
     "LinearPart",
     "Rate",
-    "adaptive_motion",
     "phi_functions",
 ]
 
@@ -250,11 +250,11 @@ class LinearPart(NamedTuple):
         others: (s, r), rate of the other integrals per mode.
     """
 
-    modes: np.ndarray
-    inverse: np.ndarray
-    decay: np.ndarray
-    u: np.ndarray
-    others: np.ndarray
+    modes: Array
+    inverse: Array
+    decay: Array
+    u: Array
+    others: Array
 
 
 class ExponentialRungeKutta4:
@@ -283,9 +283,7 @@ class ExponentialRungeKutta4:
         self._model = robot.model
         self._coordinates = ExponentialCoordinates(robot)
 
-    def step(
-        self, rate: Rate, linear: LinearPart, q: np.ndarray, y: np.ndarray, h: float
-    ) -> tuple[np.ndarray, np.ndarray, float]:
+    def step(self, rate: Rate, linear: LinearPart, q: Array, y: Array, h: float) -> tuple[Array, Array, float]:
         """Return the state after a time h, and the roughness of the step as ``LieRungeKutta4.measured_step``.
 
         Args:
@@ -304,19 +302,19 @@ class ExponentialRungeKutta4:
         follow = np.vstack([linear.u, linear.others])
         half, whole = phi_functions(-0.5 * h * linear.decay, 2), phi_functions(-h * linear.decay, 4)
 
-        def slope(x: np.ndarray) -> np.ndarray:
+        def slope(x: Array) -> Array:
             u, a = x[:n], x[n : n + r]
             check_reach(u, h)
             y_at = np.concatenate([linear.modes @ a, x[n + r :]])
             u_dot, y_dot = self._coordinates.derivative(rate, q, u, y_at)
             return np.concatenate([u_dot, linear.inverse @ y_dot[:r], y_dot[r:]])
 
-        def linear_slope(x: np.ndarray) -> np.ndarray:
+        def linear_slope(x: Array) -> Array:
             a = x[n : n + r]
             following = follow @ a
             return np.concatenate([following[:n], -linear.decay * a, following[n:]])
 
-        def phi(k: int, values: list[np.ndarray], time: float, x: np.ndarray) -> np.ndarray:
+        def phi(k: int, values: list[Array], time: float, x: Array) -> Array:
             """``time phi_k(time L) x``."""
             a = x[n : n + r]
             others = np.concatenate([x[:n], x[n + r :]]) / factorial(k) + time * (follow @ (values[k + 1] * a))
@@ -344,7 +342,7 @@ class ExponentialRungeKutta4:
         return pin.integrate(self._model, q, end[:n]), y, h * float(max(uneven, bent))
 
 
-def phi_functions(x: np.ndarray, last: int) -> list[np.ndarray]:
+def phi_functions(x: Array, last: int) -> list[Array]:
     """Functions ``phi_0(x) = exp(x)``, ``phi_k+1(x) = (phi_k(x) - 1/k!) / x`` up to ``last``, for x <= 0.
 
     They are Kummer's functions ``1F1(1; k + 1; x) / k!``, exact to rounding near zero too.
@@ -364,83 +362,95 @@ Settle = Callable[[Array, Array], tuple[Array, Array]]
 Samples = tuple[Array, Array, Array]
 
 
-def adaptive_motion(
-    robot: Robot, local_rate: LocalRate, times: Array, q0: Array, y0: Array, *, rtol: float, atol: float, settle: Settle
-) -> Iterator[Samples]:
-    """Yield the states (t, q, y) at the increasing ``times`` in blocks (count, ...); the first is (q0, y0).
+class AdaptiveIntegrator:
+    """SciPy's eighth-order Dormand-Prince method with step-size control, in local coordinates.
 
-    SciPy's eighth-order Dormand-Prince method with step-size control, in local coordinates: each step runs in the
-    coordinates ``q = q_k (+) u`` about the configuration at its start. The next chart is centred at its end. So
-    quaternions keep unit length, and no step leaves its chart. The next step starts from the result of ``settle``.
-
-    Between the ends of steps, the method's seventh-order interpolation applies. A block has the samples of one step
-    before its end, in the chart of this step, or the sample at its end.
+    Each step runs in the coordinates ``q = q_k (+) u`` about the configuration at its start. The next chart is centred
+    at its end. Quaternions therefore keep unit length, and no step leaves its chart. The next step starts from the
+    result of ``settle``.
 
     Args:
         robot: robot of the configurations.
         local_rate: ``local_rate(t, q_k, x) -> xdot`` of coordinates ``x = (u, y)``; y holds all other states, in a
             linear space.
-        times: increasing times (N,) [s].
-        q0: configuration (nq,) at the first one.
-        y0: all other states there.
         rtol, atol: relative and absolute tolerance of a step. Only the absolute one applies to positions, because u
             starts at zero.
         settle: maps (q, y) at the end of a step to an equivalent state, for example in another chart.
 
-    Raises:
-        DivergenceError: steps become too short, for example near a singularity.
-
     Example:
-        >>> from rnc_pin.model.integrators import ExponentialCoordinates, adaptive_motion
+        >>> from rnc_pin.model.integrators import AdaptiveIntegrator, ExponentialCoordinates
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
         >>> exponential, circle = ExponentialCoordinates(robot), lambda q, y: (np.array([1.0, 0.0, 1.0]), -y)
         >>> rate = lambda t, q, x: np.concatenate(exponential.derivative(circle, q, x[:3], x[3:]))
-        >>> start = np.array([0.0, 1.0, np.pi]), robot.configuration(), np.ones(1)
-        >>> same = lambda q, y: (q, y)
-        >>> blocks = list(adaptive_motion(robot, rate, *start, rtol=1e-10, atol=1e-10, settle=same))
+        >>> integrator = AdaptiveIntegrator(robot, rate, rtol=1e-10, atol=1e-10)
+        >>> blocks = list(integrator.run(np.array([0.0, 1.0, np.pi]), robot.configuration(), np.ones(1)))
         >>> t, q, y = (each[-1] for each in blocks[-1])
         >>> q.round(6) + 0.0, y.round(6)  # half a circle of radius 1, and exp(-pi)
         (array([ 0.,  2., -1.,  0.]), array([0.043214]))
     """
-    q, nv = np.array(q0, dtype=float), robot.nv
 
-    def chart_rate(t: float, x: Array) -> Array:
-        return local_rate(t, q, x)
+    def __init__(
+        self, robot: Robot, local_rate: LocalRate, rtol: float, atol: float, settle: Settle | None = None
+    ) -> None:
+        self._model, self._nv, self._local_rate = robot.model, robot.nv, local_rate
+        self._rtol, self._atol, self._settle = rtol, atol, settle
 
-    # Each chart begins at its own origin.
-    x0 = np.concatenate([np.zeros(nv), y0])
-    yield _block(times[:1], q, x0[nv:])
-    span = float(times[0]), x0, float(times[-1])
-    solver = scipy.integrate.DOP853(chart_rate, *span, rtol=rtol, atol=atol)
-    # Near a singularity the steps shrink without end: so many in a row that are a billionth of the run end it.
-    shortest, patience = 1e-9 * float(times[-1] - times[0]), 50
-    due = 1
-    short = 0
-    while due < len(times):
-        solver.step()
-        short = short + 1 if solver.step_size is None or solver.step_size < shortest else 0
-        if solver.status == "failed" or short > patience:
-            raise DivergenceError(
-                "the step size is too small: the motion runs into a singularity, or the "
-                f"tolerances (rtol {rtol:g}, atol {atol:g}) are finer than rounding allows",
-                time=float(solver.t),
-            )
-        end = due + int(np.searchsorted(times[due:], solver.t))
-        if end > due:
-            x = solver.dense_output()(times[due:end])
-            inside = np.array([pin.integrate(robot.model, q, u) for u in np.ascontiguousarray(x[:nv].T)])
-            yield times[due:end], inside, np.ascontiguousarray(x[nv:].T)
-            due = end
-        # The next chart; chart_rate sees the new q.
-        q, y = settle(pin.integrate(robot.model, q, solver.y[:nv]), solver.y[nv:])
-        # A chart per step: local coordinates stay small, and far from where their derivative is singular.
-        solver.y = np.concatenate([np.zeros(nv), y])
-        if due < len(times) and times[due] == solver.t:
-            yield _block(times[due : due + 1], q, y)
-            due += 1
-        if due < len(times):
-            # The solver begins a step with the slope at the end of the last one, which was in the old chart.
-            solver.f = chart_rate(solver.t, solver.y)
+    def run(self, times: Array, q0: Array, y0: Array) -> Iterator[Samples]:
+        """Yield the states (t, q, y) at the increasing ``times`` in blocks (count, ...); the first is (q0, y0).
+
+        Between the ends of steps, the method's seventh-order interpolation applies. A block has the samples of one
+        step before its end, in the chart of this step, or the sample at its end.
+
+        Args:
+            times: increasing times (N,) [s].
+            q0: configuration (nq,) at the first one.
+            y0: all other states there.
+
+        Raises:
+            DivergenceError: steps become too short, for example near a singularity.
+        """
+        q, nv = np.array(q0, dtype=float), self._nv
+
+        def chart_rate(t: float, x: Array) -> Array:
+            return self._local_rate(t, q, x)
+
+        # Each chart begins at its own origin.
+        x0 = np.concatenate([np.zeros(nv), y0])
+        yield _block(times[:1], q, x0[nv:])
+        span = float(times[0]), x0, float(times[-1])
+        solver = scipy.integrate.DOP853(chart_rate, *span, rtol=self._rtol, atol=self._atol)
+        # Near a singularity the steps shrink without end: so many in a row that are a billionth of the run end it.
+        shortest, patience = 1e-9 * float(times[-1] - times[0]), 50
+        due = 1
+        short = 0
+        while due < len(times):
+            solver.step()
+            short = short + 1 if solver.step_size is None or solver.step_size < shortest else 0
+            if solver.status == "failed" or short > patience:
+                raise DivergenceError(
+                    "the step size is too small: the motion runs into a singularity, or the "
+                    f"tolerances (rtol {self._rtol:g}, atol {self._atol:g}) are finer than rounding allows",
+                    time=float(solver.t),
+                )
+            end = due + int(np.searchsorted(times[due:], solver.t))
+            if end > due:
+                x = solver.dense_output()(times[due:end])
+                inside = np.array([pin.integrate(self._model, q, u) for u in np.ascontiguousarray(x[:nv].T)])
+                yield times[due:end], inside, np.ascontiguousarray(x[nv:].T)
+                due = end
+            # The next chart; chart_rate sees the new q.
+            q = pin.integrate(self._model, q, solver.y[:nv])
+            y = solver.y[nv:]
+            if self._settle is not None:
+                q, y = self._settle(q, y)
+            # A chart per step: local coordinates stay small, and far from where their derivative is singular.
+            solver.y = np.concatenate([np.zeros(nv), y])
+            if due < len(times) and times[due] == solver.t:
+                yield _block(times[due : due + 1], q, y)
+                due += 1
+            if due < len(times):
+                # The solver begins a step with the slope at the end of the last one, which was in the old chart.
+                solver.f = chart_rate(solver.t, solver.y)
 
 
 def _block(times: Array, q: Array, y: Array) -> Samples:

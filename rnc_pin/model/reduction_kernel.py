@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -78,10 +78,10 @@ class _Workspace:
 def _workspace(data: ReductionData) -> _Workspace:
     kinematics = data.kinematics
     # Views of Pinocchio's memory take as long to make as the rest of a kernel: reductions of one system share them.
-    if not isinstance(kinematics.kernel_workspace, _Workspace):
+    if kinematics.kernel_workspace is None:
         kinematics.kernel_workspace = _Workspace(data.robot)
-    assert isinstance(kinematics.kernel_workspace, _Workspace)
-    return kinematics.kernel_workspace
+    found: _Workspace = kinematics.kernel_workspace
+    return found
 
 
 def _described(stack: RowStack, model: pin.Model) -> tuple[RowStack, list[KernelRow]]:
@@ -213,15 +213,15 @@ class ReductionKernel:
         rates = {"E_dot": (n, n), "R_dot": (n, r), **rows, "J1_dot": (k, n), "A_star_dot": (k, r), **velocities}
         coriolis = {"C": (n, n), "V": (r, r), "g": (n,), "G": (r,)}
         forces = {"bias": (n,), "H": (r, r), "B": (n, p), "input_matrix": (r, p), "b": (n,), "b_dot": (n,)}
-        self.kinematics, self.inverse, self.rows = _record(kinematics), _record(inverse), _record(rows)
-        self.biases, self.rates = _record(biases), _record(rates)
-        self.terms = _record({**kinematics, **inverse, "v": (n,), **rates, **coriolis, **forces})
+        self.kinematics, self.inverse, self.rows = _record(**kinematics), _record(**inverse), _record(**rows)
+        self.biases, self.rates = _record(**biases), _record(**rates)
+        self.terms = _record(**kinematics, **inverse, v=(n,), **rates, **coriolis, **forces)
         states = [(f"{name}{end}", getattr(self, name)) for end in ("", "_end") for name in ("kinematics", "inverse")]
         motion = {"q": (data.robot.nq,), "q_end": (data.robot.nq,), **biases, "v": (n,), "v2": (r,), "B": (n, p)}
         numbers = {**motion, "effects": (r, p), "adverse": (r,), "inputs": (p, p)}
         self.sample = np.dtype([*states, *((name, float, shape) for name, shape in numbers.items())])
         by = {"v_q": (n, n), "v_v2": (n, r), "v2_dot_q": (r, n), "v2_dot_v2": (r, r), "v2_dot_T": (r, p)}
-        self.derivatives = _record({"v": (n,), "v2_dot": (r,), **by})
+        self.derivatives = _record(v=(n,), v2_dot=(r,), **by)
         self.python_values = tuple(blocks_valued_by_python(stack, model) for stack in (data.reducing, data.vertical))
         self.measures = not (self.python_rows or any(self.python_values))
         self.measured_sizes = *(each.itemsize // 8 for each in (self.kinematics, self.inverse, self.rates)), r + k
@@ -300,11 +300,7 @@ class ReductionKernel:
         return np.ascontiguousarray(np.broadcast_to(rates, (*batch, rates.shape[-1])))
 
 
-def _record(fields: Mapping[str, tuple[int, ...]]) -> np.dtype[np.void]:
-    """Type of a record of arrays, one after the other."""
-    return _record_type(tuple(fields.items()))
-
-
 @lru_cache(maxsize=256)  # NumPy takes long to make one, and each chart of a run has the same
-def _record_type(fields: tuple[tuple[str, tuple[int, ...]], ...]) -> np.dtype[np.void]:
-    return np.dtype([(name, float, shape) for name, shape in fields])
+def _record(**fields: tuple[int, ...]) -> np.dtype[np.void]:
+    """Type of a record of arrays, one after the other."""
+    return np.dtype([(name, float, shape) for name, shape in fields.items()])

@@ -245,7 +245,7 @@ class NonholonomicSystem(SummaryMixin):
             return OutputStack([])
         # Any basis will do: how well entries parametrise it depends on the space only.
         found = independence.defined_jacobians(self.constraints, self.robot, self._samples)
-        bases = [(A, null_space(A)) for A in found]
+        bases = [(A, null_space(A)) for _, A in found]
 
         def worst(entries: list[int]) -> float:
             return min(float(np.linalg.svd(basis[entries], compute_uv=False)[-1]) for _, basis in bases)
@@ -295,19 +295,14 @@ def _numbered(blocks: list[Rows]) -> list[Rows]:
 
 def _sample_rows(rows: RowStack, robot: Robot, configurations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rows (samples, k, nv) and mu (samples, k), without configurations at which they are undefined."""
-    kinematics = Kinematics(robot)
     samples, rates = list[np.ndarray](), list[np.ndarray]()
-    for q in configurations:
-        position = kinematics.position(q)
-        try:
-            out, mu = rows.jacobian(position), rows.rate(position)
-        except SingularityError:
-            continue
+    for position, out in independence.defined_jacobians(rows, robot, configurations):
+        mu = rows.rate(position)
         # NaN would pass the rank test as any number, and make every evaluation NaN later.
         finite = np.isfinite(out).all(axis=1) & np.isfinite(mu)
         if not finite.all():
             bad = rows.names[int(np.argmin(finite))]
-            raise ConstraintError(f"constraint row '{bad}' is not finite at q = {np.round(q, 4).tolist()}")
+            raise ConstraintError(f"constraint row '{bad}' is not finite at q = {np.round(position.q, 4).tolist()}")
         samples.append(out)
         rates.append(mu)
     if not samples:
@@ -320,7 +315,7 @@ def _still(rows: RowStack, robot: Robot, configurations: np.ndarray) -> str:
     if base_of(robot.model) != "fixed":
         return ""
     moving, at_rest = np.zeros(rows.size, dtype=bool), 1e-12  # largest entry of a row that no joint moves
-    for jacobian in independence.defined_jacobians(rows, robot, configurations):
+    for _, jacobian in independence.defined_jacobians(rows, robot, configurations):
         moving |= np.abs(jacobian).max(axis=1, initial=0.0) > at_rest
     names = [name for name, moves in zip(rows.names, moving, strict=True) if not moves]
     return f"; no joint moves {few(names)}: {fixed_base(robot.model)}" if names else ""

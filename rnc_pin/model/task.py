@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
@@ -33,11 +34,12 @@ class SelectedOutputs:
     """
 
     def __init__(self, chosen: Sequence[tuple[OutputStack, np.ndarray]]) -> None:
-        self._parts = [(stack, rows, stack.coordinates.choose(rows)) for stack, rows in chosen]
-        self.names = tuple(stack.names[row] for stack, rows, _ in self._parts for row in rows)
+        self._chosen, self.names = chosen, tuple(stack.names[row] for stack, rows in chosen for row in rows)
         self.size = len(self.names)
-        ends = np.cumsum([len(rows) for _, rows, _ in self._parts]).tolist()
-        self.places = tuple(slice(a, b) for a, b in zip([0, *ends], ends, strict=False))
+        ends = np.cumsum([0, *(len(rows) for _, rows in chosen)]).tolist()
+        self.places = tuple(slice(*each) for each in pairwise(ends))
+        coordinates = [stack.coordinates.choose(rows) for stack, rows in chosen]
+        self._kinds = list(zip(coordinates, self.places, strict=True))
 
     def value(self, at: PositionKinematics) -> np.ndarray:
         """Values (..., k).
@@ -45,7 +47,7 @@ class SelectedOutputs:
         Args:
             at: kinematics at configurations (..., nq).
         """
-        return np.concatenate([stack.value(at)[..., rows] for stack, rows, _ in self._parts], axis=-1)
+        return np.concatenate([stack.value(at)[..., rows] for stack, rows in self._chosen], axis=-1)
 
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
         """Jacobian (..., k, nv); rows of rotations are angular velocities in world axes.
@@ -53,7 +55,7 @@ class SelectedOutputs:
         Args:
             at: kinematics at configurations (..., nq).
         """
-        return np.concatenate([stack.jacobian(at)[..., rows, :] for stack, rows, _ in self._parts], axis=-2)
+        return np.concatenate([stack.jacobian(at)[..., rows, :] for stack, rows in self._chosen], axis=-2)
 
     def error(self, at: PositionKinematics, target: np.ndarray) -> np.ndarray:
         """Target minus value (..., k): angles within half a turn, rotations as vectors in world axes.
@@ -64,8 +66,7 @@ class SelectedOutputs:
         """
         value = self.value(at)
         goal = target if target.shape == value.shape else np.broadcast_to(target, value.shape)
-        parts = zip(self._parts, self.places, strict=True)
-        found = [kinds.difference(goal[..., place], value[..., place]) for (*_, kinds), place in parts]
+        found = [kinds.difference(goal[..., place], value[..., place]) for kinds, place in self._kinds]
         return np.concatenate(found, axis=-1)
 
     def error_jacobian(self, at: PositionKinematics, error: np.ndarray) -> np.ndarray:
@@ -76,7 +77,7 @@ class SelectedOutputs:
             error: the error (..., k) [rad or m].
         """
         J = self.jacobian(at)
-        for (*_, kinds), place in zip(self._parts, self.places, strict=True):
+        for kinds, place in self._kinds:
             for first in kinds.rotations:
                 triple = slice(place.start + first, place.start + first + 3)
                 for state in np.ndindex(J.shape[:-2]):

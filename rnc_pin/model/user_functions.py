@@ -10,22 +10,21 @@ from functools import partial
 
 import numpy as np
 import pinocchio as pin
+from numpy import ndarray as Array
 
 from rnc_pin.errors import ConstraintError, InputError, SingularityError, short_text
 from rnc_pin.model.kinematics import over_states
 from rnc_pin.robots.robot import Robot
 
 STEP = 0.01  # [rad or m]
-Field = Callable[[np.ndarray], np.ndarray]
+Field = Callable[[Array], Array]
 Function = Callable[..., object]  # of q, or of q and t
 Rate = Callable[..., object]  # of q and v, or of q, v and t
 
 _STEPS = (0.3 * STEP, STEP, 0.1 * STEP)  # [rad or m]
 
 
-def directional_derivative(
-    model: pin.Model, field: Field, q: np.ndarray, x: np.ndarray, step: float = STEP
-) -> np.ndarray:
+def directional_derivative(model: pin.Model, field: Field, q: Array, x: Array, step: float = STEP) -> Array:
     """Derivative of ``field(q)`` along a tangent vector x (nv,).
 
     Args:
@@ -43,7 +42,7 @@ def directional_derivative(
     return length * central_difference(lambda s: field(pin.integrate(model, q, s * direction)), step)
 
 
-def central_difference(field: Callable[[float], np.ndarray], step: float) -> np.ndarray:
+def central_difference(field: Callable[[float], Array], step: float) -> Array:
     """Derivative of ``field(s)`` at zero.
 
     Args:
@@ -55,7 +54,7 @@ def central_difference(field: Callable[[float], np.ndarray], step: float) -> np.
     return np.asarray(np.sum(terms, axis=0) / step)
 
 
-def gradient(model: pin.Model, field: Field, q: np.ndarray, step: float = STEP) -> np.ndarray:
+def gradient(model: pin.Model, field: Field, q: Array, step: float = STEP) -> Array:
     """Derivatives (..., nv) of ``field(q)`` (...) along every tangent direction.
 
     Args:
@@ -67,7 +66,7 @@ def gradient(model: pin.Model, field: Field, q: np.ndarray, step: float = STEP) 
     return _slopes(lambda by: field(pin.integrate(model, q, by)), model.nv, step)
 
 
-def gradient_with_error(model: pin.Model, field: Field, q: np.ndarray) -> tuple[np.ndarray, float]:
+def gradient_with_error(model: pin.Model, field: Field, q: Array) -> tuple[Array, float]:
     """Gradient as in ``gradient``, and the largest difference between the results of two step lengths.
 
     Args:
@@ -78,7 +77,7 @@ def gradient_with_error(model: pin.Model, field: Field, q: np.ndarray) -> tuple[
     return _with_error(lambda step: gradient(model, field, q, step))
 
 
-def vector_gradient_with_error(field: Field, x: np.ndarray) -> tuple[np.ndarray, float]:
+def vector_gradient_with_error(field: Field, x: Array) -> tuple[Array, float]:
     """Derivatives (..., n) of ``field(x)`` at a vector x (n,), and their error as in ``gradient_with_error``.
 
     Args:
@@ -88,16 +87,16 @@ def vector_gradient_with_error(field: Field, x: np.ndarray) -> tuple[np.ndarray,
     return _with_error(lambda step: _slopes(lambda by: field(x + by), len(x), step))
 
 
-def _slopes(field: Field, n: int, step: float) -> np.ndarray:
+def _slopes(field: Field, n: int, step: float) -> Array:
     """Derivatives (..., n) of a function of displacements (n,), at zero."""
 
-    def along(unit: np.ndarray) -> np.ndarray:
+    def along(unit: Array) -> Array:
         return central_difference(lambda s: field(s * unit), step)
 
     return np.stack([along(unit) for unit in np.eye(n)], axis=-1)
 
 
-def _with_error(at_step: Callable[[float], np.ndarray]) -> tuple[np.ndarray, float]:
+def _with_error(at_step: Callable[[float], Array]) -> tuple[Array, float]:
     """Derivatives by a step, and their difference from those by twice the step."""
     # The error of order eight falls by 256 with half the step: the difference is that of the coarse one.
     coarse, fine = at_step(0.8 * STEP), at_step(0.4 * STEP)
@@ -119,7 +118,7 @@ class UserFunction:
     def __init__(self, function: Function, shape: tuple[int, ...], what: str) -> None:
         self._function, self.shape, self._what = function, shape, what
 
-    def __call__(self, *state: object) -> np.ndarray:
+    def __call__(self, *state: object) -> Array:
         found = self._function(*state)
         try:
             array = np.array(found, dtype=float)  # the function may use its memory again
@@ -131,7 +130,7 @@ class UserFunction:
             raise InputError(f"{self._what} returned shape {array.shape}, expected {self.shape}")
         return array
 
-    def over(self, *states: np.ndarray) -> np.ndarray:
+    def over(self, *states: Array) -> Array:
         """Results (..., *shape) over the leading axes of the arguments.
 
         Args:
@@ -140,7 +139,7 @@ class UserFunction:
         return over_states(self, self.shape, *states)
 
 
-def derived_rate(robot: Robot, function: Callable[..., np.ndarray], label: str, timed: bool = False) -> Rate:
+def derived_rate(robot: Robot, function: Callable[..., Array], label: str, timed: bool = False) -> Rate:
     """Rate of a user's function along v: ``rate(q, v)``, for a function without a rate of its own.
 
     Args:
@@ -227,7 +226,7 @@ def check_rate(
 
 def _random_states(
     robot: Robot, function: Function, timed: bool = False
-) -> list[tuple[np.ndarray, np.ndarray, tuple[float, ...]]]:
+) -> list[tuple[Array, Array, tuple[float, ...]]]:
     """Two random states (q, v, times) at which the function is finite; fewer if it rarely is."""
     generator, found, wanted, draws = np.random.default_rng(0), [], 2, 8
     for _ in range(draws):
@@ -245,12 +244,12 @@ def _random_states(
 
 
 def _difference(
-    model: pin.Model, function: Function, q: np.ndarray, v: np.ndarray, t: tuple[float, ...], angular: bool = False
-) -> tuple[np.ndarray, float]:
+    model: pin.Model, function: Function, q: Array, v: Array, t: tuple[float, ...], angular: bool = False
+) -> tuple[Array, float]:
     """Rate by differences, from the best pair of step lengths, and its error estimate."""
     here = np.array(function(q, *t), dtype=float)
 
-    def values(at: np.ndarray, *t: float) -> np.ndarray:
+    def values(at: Array, *t: float) -> Array:
         # An angle may jump by a full turn between two points of the stencil: differences from here are wrapped.
         change = np.asarray(function(at, *t), dtype=float) - here
         return np.remainder(change + np.pi, 2 * np.pi) - np.pi if angular else change
@@ -261,9 +260,7 @@ def _difference(
     return found[0] if doubts[0] <= doubts[1] else found[2], min(doubts)
 
 
-def _flow(
-    model: pin.Model, values: Callable[..., np.ndarray], step: float, q: np.ndarray, v: np.ndarray, *t: float
-) -> np.ndarray:
+def _flow(model: pin.Model, values: Callable[..., Array], step: float, q: Array, v: Array, *t: float) -> Array:
     """Rate of values along v, and of time if they depend on it, by differences."""
     rate = directional_derivative(model, lambda at: values(at, *t), q, v, step)
     return rate + central_difference(lambda s: values(q, *(now + s for now in t)), step) if t else rate

@@ -12,7 +12,7 @@ import pinocchio as pin
 from rnc_pin.control.controller import Command, Controller
 from rnc_pin.errors import ConfigurationError, DivergenceError, InputError, SingularityError
 from rnc_pin.model.input_validation import is_number, numbers_of
-from rnc_pin.model.integrators import adaptive_motion
+from rnc_pin.model.integrators import AdaptiveIntegrator
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import Plant, ReducedPlant
@@ -202,11 +202,11 @@ def free_motion(
     # Even times that end at the duration exactly, also where it is no multiple of dt.
     times_of_samples = np.linspace(0.0, duration, round(duration / dt) + 1)
     record = Record(model, dynamics.integrated)
+    integrator = AdaptiveIntegrator(model.robot, local_rate, rtol, atol, settle)
 
     def advance(progress: Progress) -> None:
         progress.active_component = "the feedback" if feedback else "the model"
-        given = model.robot, local_rate, times_of_samples, start.q, y0
-        for times, q, y in adaptive_motion(*given, rtol=rtol, atol=atol, settle=settle):
+        for times, q, y in integrator.run(times_of_samples, start.q, y0):
             v, integrals = dynamics.at(q, y).v, dynamics.integrals(y)
             # One by one: the first sample that meets a condition ends the run, and a feedback may have a memory.
             for t, q_t, v_t, integrals_t, work in zip(times.tolist(), q, v, integrals, y[:, -1], strict=True):

@@ -97,10 +97,10 @@ def test_an_exponential_step_is_exact_for_damping_and_the_classical_one_without_
 def test_adaptive_steps_end_at_a_pole_and_where_a_sign_would_change_for_ever(slope, moved):
     """Of the state; a slider that moves with it is at its integral."""
     rate = lambda t, q, x: np.concatenate([x[1:], slope(x[1:])])  # noqa: E731
+    motion = integrators.AdaptiveIntegrator(sliders("X"), rate, rtol=1e-9, atol=1e-11)
     blocks, times = [], np.array([0.0, 0.4, 0.45, 0.9, 2.0])
-    given = sliders("X"), rate, times, np.zeros(1), np.ones(1)
     with pytest.raises(rnc.DivergenceError, match="step size is too small: the motion runs into a sing") as told:
-        blocks.extend(integrators.adaptive_motion(*given, rtol=1e-9, atol=1e-11, settle=lambda q, y: (q, y)))
+        blocks.extend(motion.run(times, np.zeros(1), np.ones(1)))
     t, q, y = (np.concatenate(each) for each in zip(*blocks, strict=True))
     np.testing.assert_array_equal(t, times[:4])
     np.testing.assert_allclose(np.hstack([q, y]).T, moved(t), rtol=1e-6, atol=1e-12)

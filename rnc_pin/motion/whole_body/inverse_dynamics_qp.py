@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Array, Float
-from rnc_pin.control.controller import Command, Description, State, elapsed_time, listed, nested
+from rnc_pin.control.controller import Command, State, elapsed_time, nested
 from rnc_pin.math.linear_algebra import as_slice, clipped
 from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.input_validation import Positive, check_positive_settings
@@ -192,6 +192,8 @@ class InverseDynamicsQP(WholeBodyProgram):
         (3,)
     """
 
+    described = ("dt", "velocity_gain", "friction", "braking_time")
+
     def __init__(
         self,
         reduced: ReducedModel,
@@ -223,12 +225,6 @@ class InverseDynamicsQP(WholeBodyProgram):
             self._braking = Braking(reduced, self._limits, self._contacts, self.limit_names, dt, braking_time)
         self._forces = [np.arange(stops[0], stops[1]), np.arange(stops[1], stops[2])]
         self._places, self._nowhere = np.arange(stops[2]), np.zeros(reduced.n)
-
-    def describe(self) -> Description:
-        """Return the settings of tasks and limits."""
-        return self._describe(
-            dt=self.dt, velocity_gain=listed(self.velocity_gain), friction=self.friction, braking_time=self.braking_time
-        )
 
     def initial_state(self, measurement: Measurement) -> InverseDynamicsState:
         """Return the state before the first sample."""

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rnc_pin.array_shapes import Array, Float
-from rnc_pin.control.controller import Description, VelocityTarget, elapsed_time
+from rnc_pin.control.controller import VelocityTarget, elapsed_time
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.input_validation import NotNegative, check_positive_settings
@@ -92,6 +92,8 @@ class VelocityQP(WholeBodyProgram):
         ('joint_2 velocity',)
     """
 
+    described = ("dt", "damping")
+
     def __init__(
         self,
         reduced: ReducedModel,
@@ -106,10 +108,6 @@ class VelocityQP(WholeBodyProgram):
             raise ConfigurationError(f"damping of a whole-body controller cannot be negative, found {damping}")
         self.dt, self.damping = dt, damping
         super().__init__(reduced, tasks, limits)
-
-    def describe(self) -> Description:
-        """Return the settings of tasks and limits."""
-        return self._describe(dt=self.dt, damping=self.damping)
 
     def initial_state(self, measurement: Measurement) -> ProgramState:
         """Return the state before the first sample: the measured reduced velocity."""

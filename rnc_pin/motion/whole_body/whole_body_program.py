@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
 from rnc_pin.array_shapes import Array, Float
-from rnc_pin.control.controller import Description, LimitedAcceleration, MissedGoal, State, nested
+from rnc_pin.control.controller import Description, LimitedAcceleration, MissedGoal, State, listed, nested
 from rnc_pin.errors import InputError
 from rnc_pin.io.json import Json, to_json
 from rnc_pin.model.evaluation_results import Measurement
@@ -88,7 +88,12 @@ class WholeBodyProgram(ReprMixin):
         reduced: the model.
         tasks, limits: the tasks and limits.
         resting: as of ``TaskStack``.
+
+    Attributes:
+        described: names of the attributes that the description contains beside tasks and limits.
     """
+
+    described: ClassVar[tuple[str, ...]] = ()
 
     def __init__(
         self, reduced: ReducedModel, tasks: Sequence[ControlTask], limits: Sequence[ControlLimit], resting: int = 0
@@ -119,14 +124,11 @@ class WholeBodyProgram(ReprMixin):
         limits = [each for each in self.limits if isinstance(each, AccelerationLimit)]
         return tuple(entry for limit in limits for entry in limit.entries(self._reduced))
 
-    def _describe(self, **settings: Json) -> Description:
-        """Description with the tasks and limits, then these settings."""
-        return {
-            "type": type(self).__name__,
-            "tasks": [_describe_item(each) for each in self.tasks],
-            "limits": [_describe_item(each) for each in self.limits],
-            **settings,
-        }
+    def describe(self) -> Description:
+        """Return the settings of tasks and limits, and those of the program."""
+        items = {name: [_describe_item(each) for each in getattr(self, name)] for name in ("tasks", "limits")}
+        settings = {name: listed(getattr(self, name)) for name in self.described}
+        return {"type": type(self).__name__, **items, **settings}
 
     def _configuration(self, measurement: Measurement) -> Float[Array, " nq"]:
         if measurement.q is None:

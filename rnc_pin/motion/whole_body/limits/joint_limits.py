@@ -52,14 +52,6 @@ def limited_velocities(robot: Robot, joints: Sequence[str] | None, limit: float 
     return indices, own[indices] if limit is None else np.full(len(indices), float(limit))
 
 
-def selection_rows(indices: Sequence[int], size: int) -> np.ndarray:
-    """Return rows (k, size) that select entries of a vector."""
-    rows = np.zeros((len(indices), size))
-    rows[np.arange(len(indices)), indices] = 1.0
-    rows.setflags(write=False)
-    return rows
-
-
 @dataclass(frozen=True)
 class JointVelocityLimit(ControlLimit):
     """Velocity limits of joints, from the robot's file by default. A hard limit.
@@ -102,7 +94,7 @@ class _BoundVelocities(BoundLimit):
         used = (1.0 - limit.margin) * largest
         names = reduced.robot.velocity_names
         self.names = tuple(f"{names[index]} velocity" for index in indices)
-        self.jacobian = selection_rows(indices, reduced.n)
+        self.jacobian = np.eye(reduced.n)[indices]
         self._rows = LimitRows(self.jacobian, -used, used)
         self._indices, self._largest = indices, largest
 
@@ -168,7 +160,7 @@ class _BoundPositions(BoundLimit):
         self._ends = found.lower, found.upper
         names = reduced.robot.velocity_names
         self.names = tuple(f"{names[index]} position" for index in found.v)
-        self.jacobian = selection_rows(found.v, reduced.n)
+        self.jacobian = np.eye(reduced.n)[self._v]
         fastest = known_velocity_limits(reduced.robot.model)[found.v]
         # A joint without a velocity limit has no speed to stop from: its range is the scale.
         by_range = (found.upper - found.lower) / _CROSSING_TIME**2
@@ -304,7 +296,7 @@ class _BoundAccelerations(BoundLimit):
         of_joints = limit.joints is not None or isinstance(limit.limit, Mapping)
         self._indices = [each.column for each in entries] if of_joints else None
         if self._indices is not None:
-            self.jacobian = selection_rows(self._indices, reduced.n)
+            self.jacobian = np.eye(reduced.n)[self._indices]
 
     def rows(self, sample: ControlSample) -> LimitRows:
         change = self._largest * sample.dt
