@@ -224,7 +224,7 @@ class ConfigurationEvaluation(SummaryMixin):
         if self.factorization.kept is None:
             return data.constraints.rate(self.position)
         # Other rows than the default form A at some states: mu has to be that of the same rows.
-        return np.take_along_axis(data.rows.rate(self.position), self.kept_rows, axis=-1)
+        return np.take_along_axis(data.rows.rate(self.position), self.kept, axis=-1)
 
     @cached_property
     def b(self) -> Float[Array, "*batch nv"]:
@@ -238,14 +238,9 @@ class ConfigurationEvaluation(SummaryMixin):
 
     @cached_property
     def kept(self) -> Array:
-        """Indices of the constraint rows in A: (m,), or (..., m) if some state needs other rows than the default."""
-        found = self.factorization.kept
-        return np.array(self._data.kept, dtype=int) if found is None else found
-
-    @property
-    def kept_rows(self) -> Array:
         """Indices of the constraint rows in A for each state, (..., m)."""
-        return np.broadcast_to(self.kept, (*self.batch, self._data.m))
+        found, default = self.factorization.kept, np.array(self._data.kept, dtype=int)
+        return np.broadcast_to(default, (*self.batch, self._data.m)) if found is None else found
 
     @property
     def regular(self) -> Array:
@@ -379,7 +374,7 @@ class ConfigurationEvaluation(SummaryMixin):
         return weakest_rows(self.scaled_stack[state], self._names(state))
 
     def _names(self, state: int | tuple[np.intp, ...]) -> tuple[str, ...]:
-        return *(self._data.rows.names[row] for row in self.kept_rows[state]), *self._data.reducing.names
+        return *(self._data.rows.names[row] for row in self.kept[state]), *self._data.reducing.names
 
 
 def no_time(data: ReductionData) -> InputError:

@@ -113,7 +113,7 @@ def impact(
     reduced = system.reduce() if isinstance(system, NonholonomicSystem) else system
     reduced = reduced if t is None else reduced.frozen(t)
     state = _regular_state(reduced, q, v)
-    rows, kept = reduced.all_constraints, state.kept_rows
+    rows, kept = reduced.all_constraints, state.kept
     coefficients, conserved = _coefficients(rows, restitution), rows.conserved_rows()
     mu = rows.rate(state.position)
     slip = apply(state.all_rows, state.v) - mu

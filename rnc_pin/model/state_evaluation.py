@@ -160,7 +160,7 @@ class StateEvaluation(ConfigurationEvaluation):
         if self.factorization.kept is None:
             return data.stack.bias_acceleration(self.motion)
         # Where other rows than the default form A, their biases have to be those of the same rows.
-        chosen = np.take_along_axis(data.rows.bias_acceleration(self.motion), self.kept_rows, axis=-1)
+        chosen = np.take_along_axis(data.rows.bias_acceleration(self.motion), self.kept, axis=-1)
         return np.concatenate([chosen, data.reducing.bias_acceleration(self.motion)], axis=-1)
 
     @cached_property
@@ -181,7 +181,7 @@ class StateEvaluation(ConfigurationEvaluation):
         data = self._data
         if self.factorization.kept is None:
             return data.stack.jacobian_dot(self.motion)
-        kept = self.kept_rows[..., None]
+        kept = self.kept[..., None]
         chosen = np.take_along_axis(data.rows.jacobian_dot(self.motion), kept, axis=-2)
         return np.concatenate([chosen, data.reducing.jacobian_dot(self.motion)], axis=-2)
 
@@ -222,7 +222,7 @@ class StateEvaluation(ConfigurationEvaluation):
         if not data.affine:
             return np.zeros_like(self.b)
         # The derivative of E b = [mu; 0], solved for bdot.
-        mu_dot = np.take_along_axis(data.rows.rate_dot(self.motion), self.kept_rows, axis=-1)
+        mu_dot = np.take_along_axis(data.rows.rate_dot(self.motion), self.kept, axis=-1)
         return apply(self.E_inverse[..., : data.m], mu_dot) - apply(self.E_inverse, apply(self.E_dot, self.b))
 
     def _summary(self) -> ObjectSummary:
@@ -478,7 +478,7 @@ class StateEvaluation(ConfigurationEvaluation):
         found = self._multipliers(force, self.accelerated(force))
         if self.factorization.kept is not None:
             # Multipliers belong to rows by name: of other rows than the default, none has one of these names.
-            other = self.kept_rows != np.array(self._data.kept, dtype=int)
+            other = self.kept != np.array(self._data.kept, dtype=int)
             found[other.any(axis=-1)] = np.nan
         return found
 

@@ -101,17 +101,19 @@ class BrakingState(NamedTuple):
     """Samples without a verified braking motion: the program went on."""
 
 
-class _Decided(NamedTuple):
-    """Inputs (p,) that are held from a state on."""
-
-    q: Array
-    v2: Array
-    T: Array
+_Decided = tuple[Array, Array, Array]
+"""State q, v2 and the inputs (p,) that are held from it on."""
 
 
-class _Progress(NamedTuple):
-    """Progress of a motion: what its next part begins with."""
+class _Part(NamedTuple):
+    """Part of a braking motion, and what the next part begins with."""
 
+    end: StateEvaluation
+    inputs: Float[Array, "m p"]
+    """Inputs of its samples."""
+    decided: list[_Decided]
+    problem: str | None
+    """Limit that gives way."""
     left: int
     """Work that is left."""
     coarse: int
@@ -120,18 +122,6 @@ class _Progress(NamedTuple):
     """Error of velocities that coarse steps may have caused so far."""
     reach: float = np.inf
     """Samples under the same inputs that are tried at first."""
-
-
-class _Part(NamedTuple):
-    """Part of a braking motion."""
-
-    end: StateEvaluation
-    inputs: Float[Array, "m p"]
-    """Inputs of its samples."""
-    decided: list[_Decided]
-    problem: str | None
-    """Limit that gives way."""
-    progress: _Progress
 
 
 class Braking:
@@ -311,45 +301,44 @@ class Braking:
         # A joint that has stopped would hinder the others: from then on, all stop together.
         speed, first = np.abs(start.v2), together
         slow = np.where(speed > _SMALL * speed.max(initial=0.0), _SMALL * speed, 0.0)
-        state, allowed, most = start, np.maximum(before, _TOLERANCE), round(self._longest / self._dt) + 1
-        progress = _Progress(budget, coarse)
+        allowed, most = np.maximum(before, _TOLERANCE), round(self._longest / self._dt) + 1
+        part = _Part(start, np.zeros((0, self._reduced.p)), [], None, budget, coarse)
         try:
-            while progress.left > 0:
-                T, held, stops = self._law(state, t, ground, together)
+            while part.left > 0:
+                T, held, stops = self._law(part.end, t, ground, together)
                 if not held:
                     inputs.append(T)
-                    problem = self._ground_problem([*decided, _Decided(state.q, state.v2, T)], allowed)
+                    problem = self._ground_problem([*decided, (part.end.q, part.end.v2, T)], allowed)
                     break
                 if len(inputs) + held > most:
                     break
-                on = state, t, allowed, progress
-                part = self._together(held, *on) if stops else self._under(T, held, *on)
-                inputs, decided, progress = inputs + list(part.inputs), decided + part.decided, part.progress
+                part = self._together(held, part, t, allowed) if stops else self._under(T, held, part, t, allowed)
+                inputs, decided = inputs + list(part.inputs), decided + part.decided
                 if part.problem is not None:
                     problem = part.problem
                     break
-                state, t = part.end, t + len(part.inputs) * self._dt
-                together = together or bool(np.count_nonzero(slow) > 1 and (np.abs(state.v2) < slow).any())
+                t += len(part.inputs) * self._dt
+                together = together or bool(np.count_nonzero(slow) > 1 and (np.abs(part.end.v2) < slow).any())
             else:
                 problem = _LONG
         except (SingularityError, DivergenceError, ConstraintError) as error:
             problem = str(error)
-        return BrakingMotion(start.q, start.v2, np.array(inputs), problem, first, budget - progress.left)
+        return BrakingMotion(start.q, start.v2, np.array(inputs), problem, first, budget - part.left)
 
-    def _under(
-        self, T: Array, held: int, state: StateEvaluation, t: float, allowed: Array, progress: _Progress
-    ) -> _Part:
-        """Part under the same inputs, at most over some samples.
+    def _under(self, T: Array, held: int, last: _Part, t: float, allowed: Array) -> _Part:
+        """Part after the last one under the same inputs, at most over some samples.
 
         Half of the way to a limit that gives way is left: constant inputs suit a part of the way.
         """
-        wanted, decided = min(held, self._between_checks(state)), [_Decided(state.q, state.v2, T)]
-        samples, coarse, left = int(min(wanted, progress.reach)), progress.coarse, progress.left - _DECISION
+        state, coarse, left = last.end, last.coarse, last.left - _DECISION
+        wanted = min(held, self._between_checks(state))
+        samples = int(min(wanted, last.reach))
 
         def part(end: StateEvaluation, doubt: float, problem: str | None = None) -> _Part:
             # Where a part ended early, so may the next one.
             reach = np.inf if samples == wanted else _MORE * samples
-            return _Part(end, np.tile(T, (samples, 1)), decided, problem, _Progress(left, coarse, doubt, reach))
+            decided = [(state.q, state.v2, T)]
+            return _Part(end, np.tile(T, (samples, 1)), decided, problem, left, coarse, doubt, reach)
 
         while True:
             longest = coarse * self._fine  # samples of a step
@@ -357,7 +346,7 @@ class Braking:
             if samples >= _FEW:  # whole samples in each step: all states on the way are ends of samples
                 samples -= min(samples % longest, samples % -(-samples // longest))
             trace, errors = self._samples(state, T[None], samples, coarse)
-            doubts, count = progress.doubt + errors, len(errors)
+            doubts, count = last.doubt + errors, len(errors)
             end, excess, checks = self._exceeded_along(trace, count, samples * self._dt / count, state, t, allowed)
             left -= _CHECK * checks + count
             inside, beyond = self._judged(excess, doubts, allowed)
@@ -378,17 +367,17 @@ class Braking:
             else:
                 return part(end, doubts[-1], self._broken(excess.max(axis=0), allowed) or _DOUBTFUL)
 
-    def _together(self, held: int, state: StateEvaluation, t: float, allowed: Array, progress: _Progress) -> _Part:
-        """Part in which all joints come to rest together after some samples, or the begin of it.
+    def _together(self, held: int, last: _Part, t: float, allowed: Array) -> _Part:
+        """Part after the last one in which all joints come to rest together after some samples, or the begin of it.
 
         The inputs are those of a constant deceleration, each held over a step, or over two coarse ones. So a joint that
         rests at its limit stays there. Where the motion leaves this one, the next decision takes over.
         """
-        coarse = min(progress.coarse, -(-held // (_SHORT * self._fine)))
+        state, coarse = last.end, min(last.coarse, -(-held // (_SHORT * self._fine)))
         length = min((2 * coarse if coarse > 1 else 1) * self._fine, held, self._between_checks(state))
         count, speed = -(-held // length), np.abs(state.v2).max()
         T, wanted = self._inputs_to_rest(state, count, count * length * self._dt)
-        doubt, left, done = progress.doubt, progress.left - _DECISION, 0
+        doubt, left, done = last.doubt, last.left - _DECISION, 0
         decided, found, apart = list[_Decided](), None, np.zeros(1, dtype=bool)
         while done < count and found is None and not apart[-1] and left > 0:
             some = T[done : done + _SHORT]
@@ -405,11 +394,11 @@ class Braking:
             if not inside.all():
                 found = self._broken(excess.max(axis=0), allowed) if beyond.any() else _DOUBTFUL
             each = -(-size // _CHECKED)  # as few states as that: the ground's conditions take longer
-            decided += map(_Decided, q[: used : each * steps], v2[: used : each * steps], some[:size:each])
+            decided += zip(q[: used : each * steps], v2[: used : each * steps], some[:size:each], strict=False)
             doubt, done, t = doubts[-1], done + size, t + size * length * self._dt
         # Blocks that lead elsewhere at once are too long.
-        coarse = progress.coarse if done > 1 else max(coarse // 2, 1)
-        return _Part(state, np.repeat(T[:done], length, axis=0), decided, found, _Progress(left, coarse, doubt))
+        coarse = last.coarse if done > 1 else max(coarse // 2, 1)
+        return _Part(state, np.repeat(T[:done], length, axis=0), decided, found, left, coarse, doubt)
 
     def _inputs_to_rest(self, state: StateEvaluation, count: int, whole: float) -> tuple[Array, Array]:
         """Inputs (count, p) of a constant deceleration to rest in equal parts of a time, v2 (count, r) after each."""

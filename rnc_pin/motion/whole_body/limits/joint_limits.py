@@ -155,7 +155,7 @@ class _BoundPositions(BoundLimit):
 
     def __init__(self, limit: JointPositionLimit, reduced: ReducedModel) -> None:
         found = limited_positions(reduced.robot, limit.joints)
-        self._q, self._v = np.array(found.q, dtype=int), np.array(found.v, dtype=int)
+        self._q, self._v = self._places = np.array([found.q, found.v], dtype=int)
         room = limit.margin * (found.upper - found.lower)
         self._ends = found.lower, found.upper
         names = reduced.robot.velocity_names
@@ -166,7 +166,6 @@ class _BoundPositions(BoundLimit):
         by_range = (found.upper - found.lower) / _CROSSING_TIME**2
         own = np.where(np.isfinite(fastest), fastest / _STOPPING_TIME, by_range)
         deceleration = own if limit.deceleration is None else np.full(len(own), limit.deceleration)
-        self._places = np.array([found.q, found.v], dtype=int)
         # Towards the upper limits, then towards the lower ones.
         self._inside, self._deceleration = np.append(found.upper - room, -found.lower - room), np.tile(deceleration, 2)
         self._twice, self._sides = np.tile(np.arange(len(found.v)), 2), np.repeat([1.0, -1.0], len(found.v))
@@ -265,13 +264,12 @@ class AccelerationLimit(ControlLimit):
             ConfigurationError: the limits are not positive, or do not fit the entries.
         """
         joints, given = self.joints, self.limit
-        largest = np.zeros(0) if isinstance(given, Mapping) else np.asarray(given, dtype=float)
         if isinstance(given, Mapping):
             if joints is not None or not given:
                 raise ConfigurationError("an acceleration limit has joints by name: give one or more, and no 'joints'")
-            places = [reduced.robot.velocity_indices(name) for name in given]
-            sizes = [place.stop - place.start for place in places]
-            joints, largest = list(given), np.repeat(np.array(list(given.values()), dtype=float), sizes)
+            joints, entries = list(given), range(reduced.n)
+            given = [limit for name, limit in given.items() for _ in entries[reduced.robot.velocity_indices(name)]]
+        largest = np.asarray(given, dtype=float)
         if joints is None:
             quantity: Literal["v", "v2"] = "v2"
             columns, names = list(range(reduced.r)), list(reduced.reducing.names)
