@@ -101,14 +101,9 @@ def select_independent(
     kept = _choose(matrices, rank, tolerance)
     if rates is not None:
         _check_consistent(samples, rates, kept, names, tolerance)
-    dropped = []
-    for row in (row for row in range(len(names)) if row not in kept):
-        if short[row]:
-            size = float(left[row] / lengths[row])
-            dropped.append(DroppedRow(names[row], f"zero except for rounding ({size:.2g})", size))
-        else:
-            dropped.append(_dropped(row, kept, matrices, names, tolerance))
     size = left / np.where(lengths > 0, lengths, np.inf)
+    others = (row for row in range(len(names)) if row not in kept)
+    dropped = [_dropped(row, kept, matrices, names, tolerance, float(size[row])) for row in others]
     matrices = unit_rows(matrices / _column_sizes(samples, angular))
     matrices = matrices * np.where((size > 0) & (size < _WELL), size, 1.0)[:, None]  # small rows lower the margin
     return Selection(kept, dropped, *_margin(matrices, kept, names))
@@ -234,9 +229,13 @@ def _greedy(matrix: np.ndarray, rank: int, tolerance: float) -> list[int]:
     return kept
 
 
-def _dropped(row: int, kept: Sequence[int], matrices: np.ndarray, names: Sequence[str], tolerance: float) -> DroppedRow:
+def _dropped(
+    row: int, kept: Sequence[int], matrices: np.ndarray, names: Sequence[str], tolerance: float, size: float
+) -> DroppedRow:
+    """Dropped row with the reason; ``size`` is its length relative to that of rows like it."""
     if not matrices[:, row].any():
-        return DroppedRow(names[row], "zero at every configuration")
+        reason = f"zero except for rounding ({size:.2g})" if size else "zero at every configuration"
+        return DroppedRow(names[row], reason, size)
     involved, rounding = set(), 0.0
     for matrix in matrices:
         # The row as a combination of the kept ones, for the reason that users read.

@@ -154,10 +154,8 @@ def moving_entries(model: pin.Model, joint: int) -> list[int]:
         model: Pinocchio's model of the robot.
         joint: index of the joint.
     """
-    found: list[int] = []
-    for support in list(model.supports[joint])[1:]:
-        found += range(model.idx_vs[support], model.idx_vs[support] + model.nvs[support])
-    return found
+    starts = [(model.idx_vs[support], model.nvs[support]) for support in list(model.supports[joint])[1:]]
+    return [start + k for start, size in starts for k in range(size)]
 
 
 _Update = Callable[..., None]  # of the data of a Kinematics to one state

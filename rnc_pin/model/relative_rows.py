@@ -307,12 +307,9 @@ def is_loose(row: Array, samples: Array) -> bool:
         row: the row (nv,).
         samples: constraint rows (samples, m, nv).
     """
-    for matrix in samples:
-        # What the other rows leave of it is a motion that they allow.
-        rest = row - np.linalg.lstsq(matrix.T, row, rcond=None)[0] @ matrix
-        if np.linalg.norm(rest) > 1e-6 * np.linalg.norm(row):
-            return True
-    return False
+    # What the other rows leave of it is a motion that they allow.
+    rests = (row - np.linalg.lstsq(matrix.T, row, rcond=None)[0] @ matrix for matrix in samples)
+    return any(np.linalg.norm(rest) > 1e-6 * np.linalg.norm(row) for rest in rests)
 
 
 def _period(joint_turns: bool, driver_turns: bool, ratio: float) -> float | None:

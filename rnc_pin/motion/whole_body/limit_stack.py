@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from typing import NamedTuple, cast
 
@@ -342,9 +341,5 @@ class LimitStack:
 
 def distinct(names: Sequence[str]) -> tuple[str, ...]:
     """Return names with a number behind every repeated one: "hand x upper", "hand x upper (2)"."""
-    seen: Counter[str] = Counter()
-    found = []
-    for name in names:
-        seen[name] += 1
-        found.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
-    return tuple(found)
+    numbers = [list(names[: place + 1]).count(name) for place, name in enumerate(names)]
+    return tuple(name if k == 1 else f"{name} ({k})" for name, k in zip(names, numbers, strict=True))
