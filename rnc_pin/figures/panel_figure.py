@@ -104,8 +104,9 @@ def panel_figure(
         figure.set_size_inches(grid.width, height)
         for axes, panel in zip(timed, panels, strict=True):
             axes.set_ylabel(_axis_label(panel, texts, of_axes))
+        figure.align_ylabels()
         # Once, and here: each ``savefig`` would measure all texts again.
-        ConstrainedLayoutEngine().execute(figure)
+        ConstrainedLayoutEngine(h_pad=0.08, w_pad=0.08).execute(figure)
     return figure
 
 
