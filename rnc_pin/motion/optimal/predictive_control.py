@@ -310,15 +310,10 @@ class PredictiveController(DescribedMixin):
             now = self._model.step(now, u[None], np.array([step]))
         return now
 
-    def _planned(self, t: float, state: PredictiveState) -> tuple[Nodes, int]:
-        """State of the motion at a time, and its interval."""
-        # After its end, the last node is held.
-        since = min(t - state.begin, self._h * len(state.u))
-        return self._model.during(Nodes(state.q, state.w), state.u, self._h, since)
-
     def _input(self, t: float, at: Nodes, state: PredictiveState) -> Array:
         """Input with feedback at a time."""
-        planned, k = self._planned(t, state)
+        since = min(t - state.begin, self._h * len(state.u))  # after its end, the last node is held
+        planned, k = self._model.during(Nodes(state.q, state.w), state.u, self._h, since)
         return state.u[k] + state.gains[k] @ self._model.difference(planned, at)[0]
 
     def _shifted(self, begin: float, start: Nodes, state: PredictiveState) -> tuple[Iterate, Array | None]:

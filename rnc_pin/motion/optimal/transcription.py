@@ -6,7 +6,8 @@ Free duration: it is a constant last entry of the state, which an input of a fir
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -49,6 +50,7 @@ class Violation(NamedTuple):
     time: float
 
 
+@dataclass(eq=False)
 class Transcription:
     """Optimal control problem over K intervals of equal length with constant inputs.
 
@@ -60,37 +62,32 @@ class Transcription:
         goal: rows that hold at the end; None without a hard goal.
         duration: (shortest, longest) [s]; free if these differ.
         time_weight: cost of the duration [1/s].
-
-    Attributes:
+        begin: time of the first node [s], for references and obstacles that move.
         reserve: share of the bounded ranges of outputs and velocities that the motion keeps free.
         margins: amounts at every node (K + 1,) by which rows are narrower, by title; "distance" for all distances.
     """
 
-    def __init__(
-        self,
-        model: ActionModel,
-        start: Nodes,
-        K: int,
-        costs: Sequence[BoundCost],
-        bounds: Sequence[NodeBound],
-        goal: NodeBound | None,
-        duration: tuple[float, float],
-        time_weight: float = 0.0,
-    ) -> None:
-        self.margins: dict[str, Array] = {}
-        self.reserve = self.begin = 0.0
-        self.model, self.start, self.K = model, start, K
-        self.costs = list(costs)
-        self.running = [each for each in costs if each.running]
-        self.terminal = [each for each in costs if each.terminal]
-        self.bounds, self.goal, self.duration, self.time_weight = list(bounds), goal, duration, time_weight
-        self.free = duration[1] > duration[0]
-        """Time of the first node [s], for references and obstacles that move."""
+    model: ActionModel
+    start: Nodes
+    K: int
+    costs: Sequence[BoundCost]
+    bounds: Sequence[NodeBound]
+    goal: NodeBound | None
+    duration: tuple[float, float]
+    time_weight: float = 0.0
+    begin: float = 0.0
+    reserve: float = 0.0
+    margins: dict[str, Array] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        K, goal = self.K, self.goal
+        self.running = [each for each in self.costs if each.running]
+        self.terminal = [each for each in self.costs if each.terminal]
+        self.free = self.duration[1] > self.duration[0]
         blocks = [*self.bounds, *([] if goal is None else [goal])]
         ends = np.cumsum([len(each.names) for each in blocks]).tolist()
         self.blocks = [(each, slice(a, b)) for each, a, b in zip(blocks, [0, *ends], ends, strict=False)]
         self.names = tuple(title for each in blocks for title in each.titles)
-        self.quantities = tuple(each.quantity for each in blocks for _ in each.titles)
         self.lower = np.tile(_joined([each.lower for each in blocks]), (K + 1, 1))
         """Lower limits of the rows of every node (K + 1, k); infinite for rows that do not hold at a node."""
         self.upper = np.tile(_joined([each.upper for each in blocks]), (K + 1, 1))
@@ -99,38 +96,28 @@ class Transcription:
             nodes = slice(0, K) if each is goal else slice(0, 1) if each.of_state else slice(K, K + 1)
             self.lower[nodes, rows], self.upper[nodes, rows] = -np.inf, np.inf
 
-    def changed(
-        self,
-        *,
-        K: int | None = None,
-        bounds: Sequence[NodeBound] | None = None,
-        duration: tuple[float, float] | None = None,
-        reserve: float | None = None,
-        margins: dict[str, Array] | None = None,
-    ) -> Transcription:
-        """Return the same problem with other intervals, bounds, duration, reserve or margins."""
-        K, bounds, duration = K or self.K, self.bounds if bounds is None else bounds, duration or self.duration
-        made = Transcription(self.model, self.start, K, self.costs, bounds, self.goal, duration, self.time_weight)
-        made.begin = self.begin
-        made._keep_reserve(self.reserve if reserve is None else reserve)
-        made.margins = margins or (self.margins if K == self.K else {})  # margins belong to the nodes of a grid
-        for row, (title, quantity) in enumerate(zip(made.names, made.quantities, strict=True)):
-            margin = made.margins.get(DISTANCE if quantity == DISTANCE else title, 0.0)
-            made.lower[:, row] += margin
-            made.upper[:, row] -= margin
-        return made
+        self._keep_reserve()
+        for each, rows in self.blocks:
+            for row, title in enumerate(each.titles, rows.start):
+                margin = self.margins.get(DISTANCE if each.quantity == DISTANCE else title, 0.0)
+                self.lower[:, row] += margin
+                self.upper[:, row] -= margin
 
-    def _keep_reserve(self, reserve: float) -> None:
+    def changed(self, **new: Any) -> Transcription:
+        """Return the same problem with other arguments."""
+        kept = self.margins if new.get("K", self.K) == self.K else {}  # margins belong to the nodes of a grid
+        return replace(self, **{"margins": kept, **new})
+
+    def _keep_reserve(self) -> None:
         """Narrow the limits of outputs and velocities, as far as the start and the goal are within."""
-        self.reserve = reserve
         nodes = NodeData(self.model, self.start, None, np.full(1, self.begin))
         # By the range of an output, and by the size of a velocity: zero is inside the limits of a velocity.
-        for each, rows in self.blocks if reserve else ():
+        for each, rows in self.blocks if self.reserve else ():
             if each.quantity not in ("output", "velocity", *(("input",) if self.model.form == "kinematic" else ())):
                 continue  # saturation keeps accelerations and efforts
             span = each.upper - each.lower
             widths = (span, span) if each.quantity == "output" else (np.abs(each.lower), np.abs(each.upper))
-            low, high = (np.where(np.isfinite(width), reserve * width, 0.0) for width in widths)
+            low, high = (np.where(np.isfinite(width), self.reserve * width, 0.0) for width in widths)
             ends = [each.rows(nodes, False).value[0]] if each.of_state else []
             if isinstance(self.goal, GoalRows) and each.quantity == "output":
                 reached = self.goal.values_of(each)

@@ -182,9 +182,8 @@ def _excesses(problem: Transcription, fine: Iterate, accuracy: float) -> Iterato
     """Largest excess of each row that a fine motion exceeds."""
     # A problem over the fine steps, without margins and reserves: what counts is what was asked for.
     others = [bound for bound in problem.bounds if not isinstance(bound, DistanceRows)]
-    duration = (fine.duration, fine.duration)
-    same = Transcription(problem.model, problem.start, len(fine.u), [], others, problem.goal, duration)
-    same.begin = problem.begin
+    length = (fine.duration, fine.duration)
+    same = problem.changed(K=len(fine.u), costs=[], bounds=others, duration=length, reserve=0.0, margins={})
     times = same.times(fine.duration)
     try:
         rows = same.rows(fine)
