@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import sys
 import time
-from typing import NamedTuple
 
 import coal
 import numpy as np
@@ -20,7 +19,7 @@ import rnc_pin as rnc
 from benchmarks.whole_body_peers import whole_body_peers
 from rnc_pin.applications.drive.commands import LoggedCommand, parse_command
 from rnc_pin.applications.drive.preparation import prepare_drive, read_source
-from rnc_pin.applications.drive.run import DriveStatus, drive
+from rnc_pin.applications.drive.run import drive
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.collision import CollisionDistances, Obstacle
 from rnc_pin.control import InverseDynamicsQP, VelocityQP, limits, tasks
@@ -81,18 +80,9 @@ def driven() -> tuple[float, float]:
     forward = {"kind": "base_velocity", "forward": 0.5, "turn": 0.2}
     for sample, message in ((0, reach), *((sample, forward) for sample in range(10, SAMPLES, 10))):
         run.log.append(LoggedCommand(sample, parse_command(message, run.controls)))
-    seen = _Times([])
-    drive(run, samples=SAMPLES, watcher=seen)
-    return (seen.used[-1] - seen.used[0]) / (SAMPLES - 1), run.scenario.experiment.simulation.dt
-
-
-class _Times(NamedTuple):
-    """Watcher of a drive that notes the processor time at each sample [s]."""
-
-    used: list[float]
-
-    def show(self, sample: rnc.simulation.Sample, status: DriveStatus | None) -> None:
-        self.used.append(time.process_time())
+    used: list[float] = []  # processor time at each sample [s]
+    drive(run, samples=SAMPLES, watcher=lambda sample, status: used.append(time.process_time()))
+    return (used[-1] - used[0]) / (SAMPLES - 1), run.scenario.experiment.simulation.dt
 
 
 def _ticks(program: InverseDynamicsQP, reduced: rnc.ReducedModel, q0: np.ndarray) -> tuple[np.ndarray, BrakingState]:

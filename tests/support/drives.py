@@ -45,7 +45,7 @@ def script(drive, commands):
 def in_real_time(run, queue, page):
     """Drive beside this thread until the user ends the run; the list has its result at the end of the context."""
     results = []
-    thread = threading.Thread(target=lambda: results.append(drive(run, queue, 20_000, RealTimeClock(), page)))
+    thread = threading.Thread(target=lambda: results.append(drive(run, queue, 20_000, RealTimeClock(), page.show)))
     thread.start()
     try:
         yield results

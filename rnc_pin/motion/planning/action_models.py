@@ -110,6 +110,16 @@ class ActionModel:
             input.
         input_names: names of the inputs.
         parts: equal parts of a step, each by the midpoint rule.
+
+    Example:
+        >>> from rnc_pin.motion.planning.action_models import Nodes
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")])
+        >>> reduced = system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+        >>> model = rnc.optimal.ActionModel(reduced, "kinematic")
+        >>> start = Nodes(robot.configuration()[None], np.empty((1, 0)))
+        >>> model.step(start, np.array([[1.0, 0.0]]), np.array([0.5])).q[0]  # at 1 m/s for 0.5 s
+        array([0.5, 0. , 1. , 0. ])
     """
 
     def __init__(self, reduced: ReducedModel, form: Form) -> None:
