@@ -10,7 +10,7 @@ saved, resumed and replayed bit for bit:
 ``SimulationOptions.controller_state`` and gives each new state to its observer, as ``Sample.state``.
 
 Further methods are optional. ``describe()``, which controllers of this package implement, puts gains in the record of a
-run. ``findings`` of ``SelfJudging`` and ``missed_goals`` add findings to its verdict.
+run. ``findings`` of ``SelfJudging`` and ``missed_goals`` of ``Ending`` add findings to its verdict.
 """
 
 from __future__ import annotations
@@ -319,13 +319,35 @@ class MissedGoal(NamedTuple):
 
 
 @runtime_checkable
+class Nesting(Protocol):
+    """Controller with another one as its ``target``, or the state of such a controller."""
+
+    @property
+    def target(self) -> object: ...
+
+
+@runtime_checkable
+class Ending(Protocol):
+    """Controller that tells which of its goals a run has missed that ends in a state."""
+
+    def missed_goals(self, t: float, q: Float[Array, " nq"], v2: Float[Array, " r"]) -> Iterable[MissedGoal]: ...
+
+
+@runtime_checkable
+class Limiting(Protocol):
+    """Controller that limits accelerations."""
+
+    limited_accelerations: tuple[LimitedAcceleration, ...]
+
+
+@runtime_checkable
 class VelocityGiving(Protocol):
     """Controller whose inputs may be velocities of the actuators."""
 
     gives_velocities: bool
 
 
-def nested(whole: Any) -> Iterator[Any]:
+def nested(whole: object) -> Iterator[object]:
     """Iterate over a controller or a state, and those within it as ``target``, from the outermost.
 
     Args:
@@ -333,7 +355,7 @@ def nested(whole: Any) -> Iterator[Any]:
     """
     # A state has the path of its controller: the state of an inner one is found by the same steps.
     yield whole
-    while hasattr(whole, "target"):
+    while isinstance(whole, Nesting):
         whole = whole.target
         yield whole
 
@@ -376,7 +398,7 @@ def missed_goals(
         v2: reduced velocity (r,).
     """
     # The outermost one: a controller may have other goals than its target.
-    found = next((each for each in nested(controller) if hasattr(each, "missed_goals")), None)
+    found = next((each for each in nested(controller) if isinstance(each, Ending)), None)
     return () if found is None else tuple(found.missed_goals(t, q, v2))
 
 
@@ -386,5 +408,5 @@ def limited_accelerations(controller: object) -> tuple[LimitedAcceleration, ...]
     Args:
         controller: any controller; one without limits has none.
     """
-    found = next((each for each in nested(controller) if hasattr(each, "limited_accelerations")), None)
+    found = next((each for each in nested(controller) if isinstance(each, Limiting)), None)
     return () if found is None else found.limited_accelerations

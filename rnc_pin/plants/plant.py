@@ -124,13 +124,21 @@ class Plant(Protocol):
         """
 
 
+@runtime_checkable
+class VelocityTaking(Protocol):
+    """Plant whose inputs may be velocities of its actuators."""
+
+    @property
+    def takes_velocities(self) -> bool: ...
+
+
 def takes_velocities(plant: object) -> bool:
     """Return True if the inputs of a plant are velocities of its actuators.
 
     Args:
         plant: any plant.
     """
-    return bool(getattr(plant, "takes_velocities", False))
+    return isinstance(plant, VelocityTaking) and plant.takes_velocities
 
 
 @runtime_checkable
