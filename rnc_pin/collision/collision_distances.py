@@ -236,7 +236,7 @@ class CollisionDistances:
         q0: ArrayLike | None = None,
     ) -> None:
         source = robot.collision_model
-        if source is None or not len(source.geometryObjects):
+        if source is None or not robot.has_collision_shapes:
             raise ModelError(f"robot '{robot.name}' has no collision geometry")
         self.robot, self.obstacles = robot, tuple(obstacles)
         self._made_of = robot, self.obstacles, selection, None if q0 is None else np.array(q0, dtype=float)

@@ -330,6 +330,12 @@ class Robot(NamedModel, SummaryMixin):
         return self._geometry.get("collision")
 
     @property
+    def has_collision_shapes(self) -> bool:
+        """True if a link has collision geometry; meshes are read for the answer."""
+        geometry = self.collision_model
+        return geometry is not None and len(geometry.geometryObjects) > 0
+
+    @property
     def drawn_geometry(self) -> pin.GeometryModel | None:
         """Geometry of pictures and pages: the visual one; without visual shapes the collision geometry, if any."""
         models = map(self._geometry.get, ("visual", "collision"))  # collision meshes are read only if they are drawn

@@ -229,8 +229,7 @@ def replay_limits(
     every = _spaced(trajectory.time, step)
     time, uses = trajectory.time[every], tuple(each.use(trajectory.time) for each in found)
     excesses = np.array([each.excess[every] for each in found]).reshape(len(found), len(every)).T
-    model = robot.collision_model
-    if model is None or not len(model.geometryObjects):
+    if not robot.has_collision_shapes:
         return LimitReplay(uses, (), (), time, excesses, within)
     # The start tells which links overlap by design: their distance says nothing.
     checked = collision.CollisionDistances(robot, obstacles, selection, q0=trajectory.q[0])
@@ -261,8 +260,7 @@ def obstacles_passed(
         q: configurations (N, nq).
         obstacles: bodies in the world.
     """
-    model = robot.collision_model if obstacles else None  # reading meshes takes time
-    if model is None or not len(model.geometryObjects):
+    if not obstacles or not robot.has_collision_shapes:  # in this order: reading meshes takes time
         return ()
     checked = collision.CollisionDistances(robot, obstacles, collision.PairSelection(links=False))
     distances, found = collision.continuous_distances(checked, time, q, within=0.0), dict[str, Clearance]()

@@ -126,10 +126,9 @@ def _with_obstacles(
     limits: Sequence[ControlLimit], reduced: ReducedModel, experiment: Experiment
 ) -> list[ControlLimit]:
     """Return the limits of the scenario, with distances to its obstacles."""
-    geometry = reduced.robot.collision_model
     kept = [each for each in limits if not isinstance(each, CollisionAvoidance)]
     given = next((each for each in limits if isinstance(each, CollisionAvoidance)), None)
-    if geometry is None or not len(geometry.geometryObjects):
+    if not reduced.robot.has_collision_shapes:
         return list(limits)
     # Also if the scenario asks for none: its author knew the motion, and a user goes anywhere.
     return [*kept, replace(given or CollisionAvoidance(q0=experiment.q0), obstacles=tuple(experiment.obstacles))]

@@ -161,8 +161,7 @@ def start_of(scenario: ScenarioFile, reduced: ReducedModel) -> tuple[np.ndarray,
 
 def _unmeasured(obstacles: Sequence[Obstacle], reduced: ReducedModel) -> tuple[str, ...]:
     """Return the warning that distances to obstacles are not known."""
-    geometry = reduced.robot.collision_model if obstacles else None
-    if not obstacles or (geometry is not None and len(geometry.geometryObjects)):
+    if not obstacles or reduced.robot.has_collision_shapes:
         return ()
     return (f"robot '{reduced.robot.name}' has no collision geometry: its distances to the obstacles are not known",)
 

@@ -132,8 +132,7 @@ def way_checker(
     clearance: float,
 ) -> WayChecker | None:
     """Check of motions; None for a robot without geometry among no obstacles."""
-    geometry = robot.collision_model
-    if not obstacles and (geometry is None or not len(geometry.geometryObjects)):
+    if not obstacles and not robot.has_collision_shapes:
         return None
     distances = CollisionDistances(robot, obstacles, selection, q0)
     return WayChecker(distances, clearance) if distances.pairs else None

@@ -130,9 +130,8 @@ class _Expander:
         """Refuse a macro or element of xacro without its prefix: xacro would leave it alone."""
         if tag in self._known.get(parent, (tag,)):
             return
-        if (
-            tag in scope.macros and scope.macros[tag] not in self._called
-        ):  # a macro can write an element of its own name
+        # A macro can write an element of its own name.
+        if tag in scope.macros and scope.macros[tag] not in self._called:
             raise ModelError(f"element <{tag}>: a macro of this name exists; write <{_PREFIX}{tag}>")
         if tag in self._elements:
             raise ModelError(f"element <{tag}>: xacro has an element of this name; write <{_PREFIX}{tag}>")

@@ -83,8 +83,7 @@ def bounds_of(settings: MotionProblem, context: ControllerContext, accuracy: flo
         beside = CollisionDistances(reduced.robot, context.obstacles, PairSelection(links=False))
         if beside.pairs:
             yield optimal.DistanceBound(beside, settings.clearance)
-    geometry = reduced.robot.collision_model if settings.links else None
-    if geometry is not None and len(geometry.geometryObjects):
+    if settings.links and reduced.robot.has_collision_shapes:
         own = CollisionDistances(reduced.robot, q0=q0)
         if own.pairs:
             # Links that are nearer at the start than the accuracy, as in a folded arm, may stay so.

@@ -181,9 +181,9 @@ class LimitSettings(Strict):
         items = [item for _, value in self for item in (value if isinstance(value, list) else [value])]
         # Limits are fields, so that null removes one and the order is that of the class.
         found: list[limits.ControlLimit] = [item for item in items if isinstance(item, limits.ControlLimit)]
-        wanted, geometry = self.collision, context.reduced.robot.collision_model if context.obstacles else None
+        wanted, stated = self.collision, "collision" in self.model_fields_set
         # "Not stated" is on, null is off; a robot without shapes has no distances to keep.
-        if "collision" not in self.model_fields_set and geometry is not None and len(geometry.geometryObjects):
+        if context.obstacles and not stated and context.reduced.robot.has_collision_shapes:
             wanted = CollisionSettings()
         if wanted is not None:
             found.append(wanted.build(context.obstacles, context.q0))
