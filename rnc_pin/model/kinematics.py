@@ -11,7 +11,7 @@ from collections import defaultdict
 from collections.abc import Callable
 from functools import partial
 from threading import RLock
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -58,7 +58,7 @@ class Kinematics:
         kernel_workspace: memory that the compiled kernels of all reductions share; None until one is made.
     """
 
-    kernel_workspace: Any = None
+    kernel_workspace: object = None
 
     def __init__(self, robot: Robot, time: float | None = None) -> None:
         self._robot, self.time, self.frozen = robot, time, time is not None

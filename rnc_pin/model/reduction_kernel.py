@@ -78,10 +78,10 @@ class _Workspace:
 def _workspace(data: ReductionData) -> _Workspace:
     kinematics = data.kinematics
     # Views of Pinocchio's memory take as long to make as the rest of a kernel: reductions of one system share them.
-    if kinematics.kernel_workspace is None:
+    if not isinstance(kinematics.kernel_workspace, _Workspace):
         kinematics.kernel_workspace = _Workspace(data.robot)
-    found: _Workspace = kinematics.kernel_workspace
-    return found
+    assert isinstance(kinematics.kernel_workspace, _Workspace)
+    return kinematics.kernel_workspace
 
 
 def _described(stack: RowStack, model: pin.Model) -> tuple[RowStack, list[KernelRow]]:

@@ -270,7 +270,7 @@ def write_draft(name: str, scenario: Mapping[str, Any], remark: str, trial: Tria
     return "\n".join([*lines, *_section(scenario, "view")]) + "\n"
 
 
-def _section(scenario: Mapping[str, Any], key: str, remark: str = "") -> list[str]:
+def _section(scenario: Mapping[str, object], key: str, remark: str = "") -> list[str]:
     return [*_remark(remark), f"{key}: {one_line_yaml(scenario[key])}"]
 
 

@@ -14,7 +14,6 @@ import numpy as np
 from rnc_pin import plants, simulation
 from rnc_pin.analysis import Grip, wheel_height_findings
 from rnc_pin.applications.scenario import plan_builder
-from rnc_pin.applications.scenario.controllers import ControllerContext
 from rnc_pin.applications.scenario.controllers.base import BuiltController, reduced_velocity
 from rnc_pin.applications.scenario.controllers.feedback import check_output_names
 from rnc_pin.applications.scenario.controllers.tracking import VelocityTrackerSettings
@@ -58,7 +57,7 @@ def build_task(scenario: ScenarioFile, reduced: ReducedModel) -> Task:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Experiment(ControllerContext):
+class Experiment(plan_builder.RunContext):
     """Objects of a run."""
 
     controller: Controller
@@ -119,7 +118,7 @@ def build_experiment(
     obstacles = build_obstacles(scenario.obstacles, folder)
     check_ignored_links(obstacles, reduced.robot)
     start, task = start_of(scenario, reduced), build_task(scenario, reduced)
-    context = ControllerContext(scenario, reduced, *start, task, timing, obstacles)
+    context = plan_builder.RunContext(scenario, reduced, *start, task, timing, obstacles)
     context = plan_builder.with_plan(context, {} if plans is None else plans)
     for frame in scenario.view.trail:
         reduced.robot.frame_id(frame)  # raises for an unknown one, which the page would meet after the run

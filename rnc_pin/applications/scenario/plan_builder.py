@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -42,7 +42,14 @@ def frame_poses(
     return np.column_stack([place[:, :2], heading]), place[:, 2]
 
 
-def with_references(context: ControllerContext) -> ControllerContext:
+@dataclass(frozen=True)
+class RunContext(ControllerContext):
+    """What a scenario has built before its controller, with the whole file."""
+
+    scenario: ScenarioFile
+
+
+def with_references(context: RunContext) -> RunContext:
     """Return the context with the references of the task's outputs: of the file, of the plan, or constant.
 
     Args:
@@ -76,7 +83,7 @@ def with_references(context: ControllerContext) -> ControllerContext:
     return _with_path(replace(context, references=references, given=tuple(given)))
 
 
-def _with_path(context: ControllerContext) -> ControllerContext:
+def _with_path(context: RunContext) -> RunContext:
     """Return the context with the path of ``reference.path``, which gives primary reference and trailer's heading."""
     scenario, reduced, task = context.scenario, context.reduced, context.task
     settings = scenario.reference.path
@@ -104,7 +111,7 @@ def _with_path(context: ControllerContext) -> ControllerContext:
 def _car_path(
     role: str,
     settings: VehiclePath,
-    context: ControllerContext,
+    context: RunContext,
     outputs: np.ndarray,
     duration: float,
     forward_only: bool = False,
@@ -129,7 +136,7 @@ Plans = dict[str, optimal.MotionPlan]
 """Optimal motions of a scenario and its comparisons by what they solve: equal problems are solved once."""
 
 
-def with_plan(context: ControllerContext, plans: Plans) -> ControllerContext:
+def with_plan(context: RunContext, plans: Plans) -> RunContext:
     """Return the context with the optimal motion of ``planner``, and with its duration.
 
     Args:
@@ -153,7 +160,7 @@ def with_plan(context: ControllerContext, plans: Plans) -> ControllerContext:
     return replace(context, plan=plans[key], simulation=scenario.timing.of_plan(plans[key].duration))
 
 
-def _plan(context: ControllerContext, settings: OptimalPlanner) -> optimal.MotionPlan:
+def _plan(context: RunContext, settings: OptimalPlanner) -> optimal.MotionPlan:
     scenario, reduced, timing = context.scenario, context.reduced, context.scenario.timing
     kinematic = settings.form == "kinematic"
     if kinematic and context.v2_0.any():  # velocities are its inputs, which jump
@@ -180,7 +187,7 @@ def _plan(context: ControllerContext, settings: OptimalPlanner) -> optimal.Motio
     )
 
 
-def _costs(context: ControllerContext, costs: CostSettings) -> Iterator[optimal.CostKind]:
+def _costs(context: RunContext, costs: CostSettings) -> Iterator[optimal.CostKind]:
     kinds = (
         (optimal.EffortCost, costs.effort),
         (optimal.VelocityCost, costs.velocity),
@@ -195,7 +202,7 @@ def _costs(context: ControllerContext, costs: CostSettings) -> Iterator[optimal.
 
 
 def _first_guess(
-    context: ControllerContext, settings: OptimalPlanner, goal: _Goal | None
+    context: RunContext, settings: OptimalPlanner, goal: _Goal | None
 ) -> tuple[Way | np.ndarray | None, float | tuple[float, float]]:
     """First guess, a way, configurations (n, nq) or None for the straight line, and the duration."""
     given = settings.duration
@@ -216,9 +223,7 @@ def _first_guess(
     return _guess(context, settings.guess, goal, float(np.mean(duration))), duration  # of a free one, the middle
 
 
-def _guess(
-    context: ControllerContext, guess: GuessSettings | None, goal: _Goal | None, duration: float
-) -> np.ndarray | None:
+def _guess(context: RunContext, guess: GuessSettings | None, goal: _Goal | None, duration: float) -> np.ndarray | None:
     """Configurations (n, nq) of the first guess; None for the straight line."""
     reduced, q = context.reduced, context.q0
     if guess is None:

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -18,6 +17,7 @@ from rnc_pin.lab.calibration.window_fit import Fit, WindowFit, Windows, correlat
 from rnc_pin.lab.logs.channel import Channel, Correction
 from rnc_pin.lab.logs.log import Log
 from rnc_pin.model.coordinates import heading_of
+from rnc_pin.model.rows import ConstraintKind
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
 
@@ -345,8 +345,12 @@ def calibrated(
         if isinstance(kind, SensorPlace):
             frame = model.frames[robot.frame_id(sensor)]
             frame.placement = _moved(frame.placement, kind.axis, float(value))
-    framed: list[tuple[Any, str]] = [(kind, str(getattr(kind, "frame", ""))) for kind in system.kinds]
-    return system.with_robot(robot, [replace(k, radius=radii[name]) if name in radii else k for k, name in framed])
+    return system.with_robot(robot, [_with_radius(kind, radii) for kind in system.kinds])
+
+
+def _with_radius(kind: ConstraintKind, radii: Mapping[str, float]) -> ConstraintKind:
+    radius = radii.get(str(getattr(kind, "frame", "")))
+    return kind if radius is None else replace(kind, radius=radius)  # type: ignore[type-var]
 
 
 def _moved(place: pin.SE3, axis: str, value: float) -> pin.SE3:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, Protocol
 
 import numpy as np
 from pydantic import Discriminator, Field, Tag, model_validator
@@ -21,18 +21,25 @@ from rnc_pin.collision import Obstacle
 from rnc_pin.control import Controller, KinematicController, SlitheringReference, VelocityQP, VelocityTarget
 from rnc_pin.errors import ConfigurationError, InfeasibleError, place_of
 from rnc_pin.io import Json, Numbers, Strict, wrong
-from rnc_pin.model import Measurement, NotNegative, Positive, ReducedModel, Task
+from rnc_pin.model import Measurement, NotNegative, OutputKind, Positive, ReducedModel, Task
 from rnc_pin.motion.optimal import MotionPlan
 from rnc_pin.motion.planning import Reference
 from rnc_pin.motion.whole_body import ProgramState
 from rnc_pin.simulation import Margins, PlannedPath, margins_along, obstacles_passed
 
-if TYPE_CHECKING:
-    from rnc_pin.applications.scenario.schema import ScenarioFile
-
 _LONGEST = 350  # letters of the reasons that one error names
 MIN_SINGULAR_VALUE = 0.01
 """Smallest singular value below which a warning is given."""
+
+
+class StatedRun(Protocol):
+    """What controllers read of a scenario file, beside their own settings."""
+
+    @property
+    def preflight(self) -> Literal["warn", "refuse"]: ...
+
+    @property
+    def listed_outputs(self) -> tuple[OutputKind, ...]: ...
 
 
 @dataclass(frozen=True)
@@ -57,7 +64,7 @@ class ControllerContext:
         grip: friction of the wheels on the ground, if the scenario gives it.
     """
 
-    scenario: ScenarioFile
+    scenario: StatedRun
     reduced: ReducedModel
     q0: np.ndarray
     v2_0: np.ndarray
