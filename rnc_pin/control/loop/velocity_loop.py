@@ -90,8 +90,8 @@ class VelocityLoop(VelocityInputLoop):
         joints: names of the commanded joints, (j,).
 
     Raises:
-        ConfigurationError: an option is invalid, or the actuators do not determine the motion.
-        ModelError: unknown frame or joint.
+        ConfigurationError: an option is invalid, a joint is unknown, or the actuators do not determine the motion.
+        ModelError: unknown frame.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
