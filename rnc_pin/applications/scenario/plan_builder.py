@@ -44,7 +44,7 @@ def frame_poses(
 
 @dataclass(frozen=True)
 class RunContext(ControllerContext):
-    """What a scenario has built before its controller, with the whole file."""
+    """Context of a controller with the whole file, of which plans read more."""
 
     scenario: ScenarioFile
 

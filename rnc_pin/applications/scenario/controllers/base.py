@@ -33,7 +33,7 @@ MIN_SINGULAR_VALUE = 0.01
 
 
 class StatedRun(Protocol):
-    """What controllers read of a scenario file, beside their own settings."""
+    """Parts of a scenario file that all controllers read, beside their own settings."""
 
     @property
     def preflight(self) -> Literal["warn", "refuse"]: ...
