@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, asdict, dataclass
 from typing import Annotated, NamedTuple
 
@@ -194,6 +194,9 @@ class PredictiveController(DescribedMixin):
     def describe(self) -> Description:
         """Return the form, the horizon and the schedule of updates."""
         return {**super().describe(), **asdict(self.updates)}
+
+    def _settings(self) -> Mapping[str, object]:
+        return {**{name: getattr(self, name) for name in self.described}, "updates": self.updates}
 
     def findings(self, state: State, samples: int) -> tuple[Finding, ...]:
         """Return the finding of updates that were late or failed: the last motion and its feedback went on instead.

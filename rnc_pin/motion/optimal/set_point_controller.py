@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from functools import partial
 from typing import NamedTuple
@@ -173,6 +173,9 @@ class SetPointController(DescribedMixin):
         stated = [each for each in problem.bounds if not each.of_file]
         self._watched = [each for each in stated if each.quantity in ("output", DISTANCE)]
         self._commands = BoundedCommands(model, limits_of(problem), bandwidth=self.bandwidth)
+
+    def _settings(self) -> Mapping[str, object]:
+        return {name: getattr(self, name) for name in self.described}
 
     def missed_goals(self, t: float, q: Float[Array, " nq"], v2: Float[Array, " r"]) -> tuple[MissedGoal, ...]:
         """Rows of the goal that a run misses which ends in this state, for its verdict.

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rnc_pin.array_shapes import Array
+from rnc_pin.array_shapes import Array, Float
 from rnc_pin.collision import continuous_distances
 from rnc_pin.errors import DivergenceError, RncError
 from rnc_pin.motion.optimal.bounds import DistanceRows
@@ -60,9 +60,9 @@ class Excess(NamedTuple):
 def verify_inputs(
     problem: Transcription, at: Iterate, substeps: int, accuracy: float
 ) -> tuple[Integration, tuple[Excess, ...]]:
-    """Integrate the inputs from the start, and compare with bounds and goal at every fine step.
+    """Integrate the inputs from the start, and compare with bounds and goal at every fine step and between them.
 
-    Distances count between the steps too. Returns the result, and the rows that the motion exceeds, largest first.
+    Returns the result, and the rows that the motion exceeds, largest first.
 
     Args:
         problem: the problem.
@@ -86,7 +86,7 @@ def verify_inputs(
         reached = Nodes(fine.q[::substeps], fine.w[::substeps])
         return fine, float(np.abs(model.difference(Nodes(at.q, at.w), reached)).max())
 
-    return _judged(problem, motion, accuracy)
+    return _judged(problem, motion, substeps, accuracy)
 
 
 def verify_loop(
@@ -138,7 +138,7 @@ def verify_loop(
         end = model.difference(controller.planned(count * dt)[0], Nodes(fine.q[-1:], fine.w[-1:]))
         return fine, max(*errors, float(np.abs(end).max()))
 
-    return _judged(problem, motion, accuracy)
+    return _judged(problem, motion, 1, accuracy)
 
 
 class _Interrupted(Exception):
@@ -150,12 +150,12 @@ class _Interrupted(Exception):
 
 
 def _judged(
-    problem: Transcription, motion: Callable[[], tuple[Iterate, float]], accuracy: float
+    problem: Transcription, motion: Callable[[], tuple[Iterate, float]], substeps: int, accuracy: float
 ) -> tuple[Integration, tuple[Excess, ...]]:
     """Result of a motion that returns its states and its deviation from the plan."""
     try:
         fine, deviation = motion()
-        found = sorted(_excesses(problem, fine, accuracy), key=lambda each: -each.amount)
+        found = sorted(_excesses(problem, fine, substeps, accuracy), key=lambda each: -each.amount)
     except _Interrupted as error:
         found = [Excess("integration", f"re-integration: {error}", np.inf, "", error.time, np.nan, np.nan)]
         deviation = np.inf
@@ -178,7 +178,7 @@ def _stepped(now: Nodes, h: float, count: int, advance: Callable[[int, Nodes], t
     return Iterate(np.array(q), np.array(w), np.array(inputs[1:]), count * h)
 
 
-def _excesses(problem: Transcription, fine: Iterate, accuracy: float) -> Iterator[Excess]:
+def _excesses(problem: Transcription, fine: Iterate, substeps: int, accuracy: float) -> Iterator[Excess]:
     """Largest excess of each row that a fine motion exceeds."""
     # A problem over the fine steps, without margins and reserves: what counts is what was asked for.
     others = [bound for bound in problem.bounds if not isinstance(bound, DistanceRows)]
@@ -191,7 +191,9 @@ def _excesses(problem: Transcription, fine: Iterate, accuracy: float) -> Iterato
         raise _Interrupted(str(error), 0.0) from None
     for block, where in same.blocks:
         values, low, high = rows[:, where], same.lower[:, where], same.upper[:, where]
-        beyond = np.maximum(low - values, values - high)
+        # Inputs jump, and the goal holds at one time: neither has a peak between steps.
+        peaks = _peaks(values, substeps) if block.of_state and block is not problem.goal else np.zeros(values.shape)
+        beyond = np.maximum(low - values, values - high) + peaks
         for row, at in enumerate(beyond.argmax(axis=0).tolist()):
             amount, value, time = float(beyond[at, row]), float(values[at, row]), float(times[at])
             if amount > 0:
@@ -200,6 +202,22 @@ def _excesses(problem: Transcription, fine: Iterate, accuracy: float) -> Iterato
     for bound in problem.bounds:
         if isinstance(bound, DistanceRows):
             yield from _too_near(bound, times, fine.q, accuracy)
+
+
+def _peaks(values: Float[Array, "n k"], substeps: int) -> Float[Array, "n k"]:
+    """Height of a parabola through three samples above (or depth below) the middle one, if this is an extremum.
+
+    Slopes jump between intervals, which are samples: parabolas lie within intervals.
+    """
+    peaks = np.zeros(values.shape)
+    before, after = values[1:-1] - values[:-2], values[2:] - values[1:-1]
+    bend = np.abs(after - before)
+    # Where three samples do not turn, the largest is at an end, which is a sample itself.
+    turning = (before * after <= 0) & (bend > 0)
+    found = (after + before) ** 2 / np.where(bend > 0, 8 * bend, 1.0)
+    peaks[1:-1] = np.where(turning, found, 0.0)
+    peaks[::substeps] = 0.0
+    return peaks
 
 
 def _too_near(bound: DistanceRows, times: Array, q: Array, accuracy: float) -> Iterator[Excess]:
