@@ -8,10 +8,9 @@ Generalized forces transform by the transpose of the velocity map, since power i
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -22,6 +21,7 @@ from rnc_pin.lab.mujoco.contact_bodies import Root
 from rnc_pin.model.coordinates import heading_of
 from rnc_pin.model.rows import FrameAnchor, JointCoupler, Rows
 from rnc_pin.robots.robot import Robot
+from rnc_pin.robots.sources.mjcf_model import pose
 
 try:
     import mujoco as mujoco  # other modules of this room have it from here, with one error where it is missing
@@ -30,20 +30,22 @@ except ImportError:
 
 
 _PLACEHOLDER_MASS = 1e-12  # placeholder mass and inertia for the compiler; ``finish`` writes the robot's
+_HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
 
 
 # ---------------------------------------------------------------------- coordinates
 
 
 @dataclass(frozen=True)
-class JointCoordinates:
-    """Place of one joint in the vectors of Pinocchio and of MuJoCo, where its velocities are equal.
+class BaseCoordinates(ABC):
+    """Conversion of a planar or free base, whose velocities differ: MuJoCo has ``velocity_map(qpos) @ v``.
 
     Attributes:
         name: joint name.
         q, v: first indices in Pinocchio's vectors.
         nv: degrees of freedom in Pinocchio.
         qpos, dof: first indices in MuJoCo's vectors.
+        placement: placement of the joint in the world.
     """
 
     name: str
@@ -52,23 +54,7 @@ class JointCoordinates:
     nv: int
     qpos: int
     dof: int
-
-
-@dataclass(frozen=True)
-class EqualCoordinates(JointCoordinates):
-    """Joint with equal numbers in both: hinges, slides, stacks of them, and quaternions of ball joints."""
-
-    order: tuple[int, ...]
-    """Entry in q of each entry in MuJoCo's positions."""
-
-
-class ContinuousHinge(JointCoordinates):
-    """Continuous hinge: (cos, sin) in Pinocchio, an unwrapped angle in MuJoCo."""
-
-
-@dataclass(frozen=True)
-class BaseCoordinates(JointCoordinates, ABC):
-    """Conversion of a planar or free base, whose velocities differ: MuJoCo has ``velocity_map(qpos) @ v``."""
+    placement: pin.SE3
 
     def write(self, q: np.ndarray, v: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> None:
         """Write a Pinocchio state to MuJoCo's.
@@ -132,71 +118,72 @@ class BaseCoordinates(JointCoordinates, ABC):
         """
 
 
-@dataclass(frozen=True)
 class PlanarBase(BaseCoordinates):
-    """Planar base: two slides and a hinge in MuJoCo; ``lifted`` adds a vertical slide before the hinge."""
+    """Planar base: slides and a hinge in MuJoCo."""
 
-    lifted: bool = False
+    slides: ClassVar[str] = "xy"
 
     def write_pose(self, q: np.ndarray, qpos: np.ndarray) -> None:
-        qpos[:2], qpos[2 + self.lifted] = q[:2], np.arctan2(q[3], q[2])
+        qpos[:2], qpos[len(self.slides)] = q[:2], np.arctan2(q[3], q[2])
 
     def read_pose(self, qpos: np.ndarray, q: np.ndarray) -> None:
-        angle = qpos[2 + self.lifted]
+        angle = qpos[len(self.slides)]
         q[:4] = *qpos[:2], np.cos(angle), np.sin(angle)
 
     def velocity_map(self, qpos: np.ndarray) -> np.ndarray:
-        found = np.zeros((3 + self.lifted, 3))
-        found[:2, :2], found[-1, 2] = pin.utils.rotate("z", qpos[2 + self.lifted])[:2, :2], 1.0
+        found = np.zeros((len(self.slides) + 1, 3))
+        found[:2, :2], found[-1, 2] = pin.utils.rotate("z", qpos[len(self.slides)])[:2, :2], 1.0
         return found
 
 
-@dataclass(frozen=True)
-class FreeBase(BaseCoordinates):
-    """Free base. ``placement`` is the joint placement in the world."""
+class LevelBase(PlanarBase):
+    """Planar base that also moves vertically in MuJoCo."""
 
-    placement: pin.SE3
+    slides = "xyz"
+
+
+class FreeBase(BaseCoordinates):
+    """Free base."""
 
     def write_pose(self, q: np.ndarray, qpos: np.ndarray) -> None:
         _write_pose(self.placement * pin.XYZQUATToSE3(q[:7]), qpos)
 
     def read_pose(self, qpos: np.ndarray, q: np.ndarray) -> None:
-        q[:7] = pin.SE3ToXYZQUAT(self.placement.actInv(_pose(qpos)))
+        q[:7] = pin.SE3ToXYZQUAT(self.placement.actInv(pose(qpos[:3], qpos[3:7])))
 
     def velocity_map(self, qpos: np.ndarray) -> np.ndarray:
-        return scipy.linalg.block_diag(_pose(qpos).rotation, np.eye(3))
+        return scipy.linalg.block_diag(pose(qpos[:3], qpos[3:7]).rotation, np.eye(3))
 
 
-@dataclass(frozen=True)
 class FreePlanarBase(BaseCoordinates):
     """Planar base that has six degrees of freedom in MuJoCo; only x, y and heading are read.
 
     Writing a planar state keeps height, roll and pitch.
     """
 
-    placement: pin.SE3
-
     def write_pose(self, q: np.ndarray, qpos: np.ndarray) -> None:
-        now = self.placement.actInv(_pose(qpos))
+        now = self.placement.actInv(pose(qpos[:3], qpos[3:7]))
         # About the vertical only: the body keeps the lean that its load gives it.
         turned = pin.utils.rotate("z", np.arctan2(q[3], q[2]) - heading_of(now.rotation)) @ now.rotation
         _write_pose(self.placement * pin.SE3(turned, np.array([*q[:2], now.translation[2]])), qpos)
 
     def read_pose(self, qpos: np.ndarray, q: np.ndarray) -> None:
-        pose = self.placement.actInv(_pose(qpos))
-        heading = heading_of(pose.rotation)
-        q[:4] = *pose.translation[:2], np.cos(heading), np.sin(heading)
+        now = self.placement.actInv(pose(qpos[:3], qpos[3:7]))
+        heading = heading_of(now.rotation)
+        q[:4] = *now.translation[:2], np.cos(heading), np.sin(heading)
 
     def read(self, qpos: np.ndarray, qvel: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
         super().read(qpos, qvel, q, v)
-        rotation = self.placement.actInv(_pose(qpos[self.qpos :])).rotation
+        rotation = self.placement.actInv(
+            pose(qpos[self.qpos : self.qpos + 3], qpos[self.qpos + 3 : self.qpos + 7])
+        ).rotation
         forward = rotation[:, 0]
         rate = np.cross(rotation @ qvel[self.dof + 3 : self.dof + 6], forward)
         # The heading is the direction of the body's x axis along the ground, also of a body that leans.
         v[self.v + 2] = (forward[0] * rate[1] - forward[1] * rate[0]) / (forward[0] ** 2 + forward[1] ** 2)
 
     def velocity_map(self, qpos: np.ndarray) -> np.ndarray:
-        rotation, placed = _pose(qpos).rotation, self.placement.rotation
+        rotation, placed = pose(qpos[:3], qpos[3:7]).rotation, self.placement.rotation
         heading = heading_of(placed.T @ rotation)
         # MuJoCo has the linear velocity in the world, and turns of free bodies in their own axes.
         along, up = placed @ pin.utils.rotate("z", heading)[:, :2], rotation.T @ placed[:, 2:]
@@ -207,19 +194,15 @@ class RobotCoordinates:
     """Conversion of all joints of a robot.
 
     Args:
-        joints: conversion of each joint.
-        nq, nv: sizes of Pinocchio's vectors.
+        tree: bodies and joints of the robot.
     """
 
-    def __init__(self, joints: Sequence[JointCoordinates], nq: int, nv: int) -> None:
-        self._nq, self._nv = nq, nv
-        self._bases = [joint for joint in joints if isinstance(joint, BaseCoordinates)]
-        equal = [joint for joint in joints if isinstance(joint, EqualCoordinates)]
-        turning = [joint for joint in joints if isinstance(joint, ContinuousHinge)]
+    def __init__(self, tree: BodyTree) -> None:
+        self._nq, self._nv, self._bases = tree.robot.nq, tree.robot.nv, tree.bases
         # In one call for all joints but bases: they are read and written at each step.
-        self._v, self._dof = _paired((each.v + k, each.dof + k) for each in [*equal, *turning] for k in range(each.nv))
-        self._q, self._qpos = _paired((each.q + i, each.qpos + k) for each in equal for k, i in enumerate(each.order))
-        self._cosine, self._angle = _paired((each.q, each.qpos) for each in turning)
+        self._q, self._qpos = _columns(tree.equal)
+        self._cosine, self._angle = _columns(tree.turning)
+        self._v, self._dof = _columns(tree.speeds)
 
     def write(self, q: np.ndarray, v: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> None:
         """Write a Pinocchio state to MuJoCo's vectors.
@@ -256,15 +239,15 @@ class RobotCoordinates:
             applied: applied force of MuJoCo, which receives it.
         """
         applied[self._dof] += force[self._v]
-        for joint in self._bases:
+        for base in self._bases:
             # Most forces act on joints: a base is asked for its rotation only where one acts on it.
-            if force[joint.v : joint.v + joint.nv].any():
-                joint.add_force(qpos, force, applied)
+            if force[base.v : base.v + base.nv].any():
+                base.add_force(qpos, force, applied)
 
 
-def _paired(pairs: Iterable[tuple[int, int]]) -> np.ndarray:
+def _columns(pairs: Sequence[tuple[int, int]]) -> np.ndarray:
     """Indices (2, k) of entries in the vectors of Pinocchio and of MuJoCo."""
-    return np.array([*pairs], dtype=int).reshape(-1, 2).T
+    return np.array(pairs, dtype=int).reshape(-1, 2).T
 
 
 def scalar_first(quaternion: np.ndarray) -> np.ndarray:
@@ -276,29 +259,12 @@ def scalar_first(quaternion: np.ndarray) -> np.ndarray:
     return quaternion[[3, 0, 1, 2]]
 
 
-def _scalar_last(quaternion: np.ndarray) -> np.ndarray:
-    return quaternion[[1, 2, 3, 0]]
-
-
-def _pose(qpos: np.ndarray) -> pin.SE3:
-    return pin.XYZQUATToSE3(np.concatenate([qpos[:3], _scalar_last(qpos[3:7])]))
-
-
 def _write_pose(pose: pin.SE3, qpos: np.ndarray) -> None:
     values = pin.SE3ToXYZQUAT(pose)
     qpos[:3], qpos[3:7] = values[:3], scalar_first(values[3:])
 
 
 # ---------------------------------------------------------------------- bodies
-
-
-class _Single(NamedTuple):
-    """Joint of one degree of freedom."""
-
-    placement: pin.SE3
-    slides: bool
-    axis: np.ndarray
-    continuous: bool
 
 
 class BodyTree:
@@ -310,54 +276,57 @@ class BodyTree:
         root: type of a planar base.
         joint_limits: enforce the position limits of the robot file.
 
+    Attributes:
+        bodies: one body per joint of the model, the world first.
+        bases: conversions of planar and free bases.
+        equal: indices in q and in MuJoCo's positions of entries that are equal.
+        turning: index in q of the cosine of a continuous hinge, which has an unwrapped angle in MuJoCo, and of that.
+        speeds: indices in v and in MuJoCo's velocities, which are equal for all joints but bases.
+
     Raises:
         ConfigurationError: a joint has no equivalent in MuJoCo.
     """
 
     def __init__(self, spec: mujoco.MjSpec, robot: Robot, root: Root, joint_limits: bool) -> None:
         self.robot = robot
-        self._limits = joint_limits
-        self._planned: list[tuple[str, Callable[[int, int], JointCoordinates]]] = []
-        """Name of the first MuJoCo joint of a joint, and its conversion as a function of the indices in MuJoCo."""
+        self._root, self._limits = root, joint_limits
+        self.bases: list[BaseCoordinates] = []
+        self.equal: list[tuple[int, int]] = []
+        self.turning: list[tuple[int, int]] = []
+        self.speeds: list[tuple[int, int]] = []
+        # Sizes of MuJoCo's vectors so far: the model has its joints branch by branch, which is MuJoCo's order too.
+        self._qpos = self._dof = 0
         # Angles are radians here, and degrees in MuJoCo's files.
         spec.compiler.degree = False
         spec.option.gravity = robot.model.gravity.linear
         self.bodies: list[mujoco.MjsBody] = [spec.worldbody]
-        """One body per joint of the model; the world is first."""
         for index in range(1, robot.model.njoints):
-            self.bodies.append(self._add(index, root))
+            self.bodies.append(self._add(index))
 
-    # ------------------------------------------------------------------ writing
-
-    def _add(self, index: int, root: Root) -> mujoco.MjsBody:
+    def _add(self, index: int) -> mujoco.MjsBody:
+        """Add a joint of the model with its body."""
         model = self.robot.model
-        joint, name, parent = model.joints[index], str(model.names[index]), model.parents[index]
-        kind, placement = joint.shortname(), model.jointPlacements[index]
-        singles = _singles(joint)
-        # Joints that are several slides or hinges in MuJoCo, in this order.
-        stacks = {"JointModelTranslation": ("slide", "xyz"), "JointModelSphericalZYX": ("hinge", "zyx")}
-        if singles:
-            body = self.bodies[parent]
-            for number, single in enumerate(singles):
-                last = number == len(singles) - 1
-                body = _body(body, placement * single.placement, name if last else f"{name}/{number}")
-                self._add_single(body, single, joint, number, name if len(singles) == 1 else f"{name}/{number}")
+        joint, name, kind = model.joints[index], str(model.names[index]), model.joints[index].shortname()
+        parent, placement = self.bodies[model.parents[index]], model.jointPlacements[index]
+        planar = {"free": FreePlanarBase, "level": LevelBase}.get(self._root, PlanarBase)
+        moves = _moves(joint)
+        if moves:
+            body = parent
+            for number, move in enumerate(moves):
+                last = number == len(moves) - 1
+                body = _body(body, placement * move.placement, name if last else f"{name}/{number}")
+                self._add_move(body, move, name if len(moves) == 1 else f"{name}/{number}")
                 placement = pin.SE3.Identity()
         else:
-            body = _body(self.bodies[parent], placement, name)
+            body = _body(parent, placement, name)
             if kind == "JointModelPlanar":
-                self._add_planar(body, index, root)
-            elif kind == "JointModelFreeFlyer" and parent == 0:
-                body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_FREE)
-                self._plan(FreeBase, name, index, placement=placement)
+                self._add_base(body, planar(name, joint.idx_q, joint.idx_v, 3, self._qpos, self._dof, placement))
+            elif kind == "JointModelFreeFlyer" and model.parents[index] == 0:
+                self._add_base(body, FreeBase(name, joint.idx_q, joint.idx_v, 6, self._qpos, self._dof, placement))
             elif kind == "JointModelSpherical":
-                body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_BALL)
-                self._plan(EqualCoordinates, name, index, order=(3, 0, 1, 2))  # MuJoCo has w first
-            elif kind in stacks:
-                moves, axes = stacks[kind]
-                for axis in axes:
-                    _move(body, f"{name}/{axis}", moves == "slide", np.eye(3)["xyz".index(axis)])
-                self._plan(EqualCoordinates, f"{name}/{axes[0]}", index, order=(0, 1, 2))
+                self.equal += [(joint.idx_q + k, self._qpos + (k + 1) % 4) for k in range(4)]  # MuJoCo has w first
+                self.speeds += [(joint.idx_v + k, self._dof + k) for k in range(3)]
+                self._add_joint(body, name, mujoco.mjtJoint.mjJNT_BALL)
             else:
                 raise ConfigurationError(
                     f"MuJoCo has no joint like '{name}' ({kind}): expected a hinge, slide, ball, planar or free base"
@@ -369,38 +338,37 @@ class BodyTree:
         body.ipos, body.iquat = inertia.lever, _quaternion(principal)
         return body
 
-    def _add_single(self, body: mujoco.MjsBody, single: _Single, joint: pin.JointModel, number: int, name: str) -> None:
-        added = _move(body, name, single.slides, single.axis)
-        # Joints of a composite have places of their own in q: some have two entries.
-        q, v = joint.extract().joints[number].idx_q if number else joint.idx_q, joint.idx_v + number
-        equal = partial(EqualCoordinates, order=(0,))
-        kind = ContinuousHinge if single.continuous else equal
-        self._planned.append((name, partial(kind, name, q, v, 1)))
-        if self._limits and not single.continuous:
-            model = self.robot.model
-            low, high = model.lowerPositionLimit[q], model.upperPositionLimit[q]
-            if np.isfinite([low, high]).all() and low < high:
-                added.limited, added.range = True, [low, high]
+    def _add_joint(
+        self,
+        body: mujoco.MjsBody,
+        name: str,
+        kind: mujoco.mjtJoint,
+        axis: Sequence[float] | np.ndarray = (0.0, 0.0, 1.0),
+    ) -> mujoco.MjsJoint:
+        sizes = {mujoco.mjtJoint.mjJNT_FREE: (7, 6), mujoco.mjtJoint.mjJNT_BALL: (4, 3)}.get(kind, (1, 1))
+        self._qpos, self._dof = self._qpos + sizes[0], self._dof + sizes[1]
+        return body.add_joint(name=name, type=kind, axis=axis)
 
-    def _add_planar(self, body: mujoco.MjsBody, index: int, root: Root) -> None:
-        name, placement = str(self.robot.model.names[index]), self.robot.model.jointPlacements[index]
-        if root == "free":
-            body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_FREE)
-            self._plan(FreePlanarBase, name, index, placement=placement)
-            return
-        for axis in "xyz" if root == "level" else "xy":
-            _move(body, f"{name}/{axis}", True, np.eye(3)["xyz".index(axis)])
-        _move(body, f"{name}/yaw", False, np.eye(3)[2])
-        self._plan(PlanarBase, f"{name}/x", index, lifted=root == "level")
+    def _add_move(self, body: mujoco.MjsBody, move: _Move, name: str) -> None:
+        self.speeds.append((move.v, self._dof))
+        (self.turning if move.continuous else self.equal).append((move.q, self._qpos))
+        added = self._add_joint(body, name, _SLIDE if move.slides else _HINGE, move.axis)
+        limits = [each[move.q] for each in (self.robot.model.lowerPositionLimit, self.robot.model.upperPositionLimit)]
+        if self._limits and not move.continuous and np.isfinite(limits).all() and limits[0] < limits[1]:
+            added.limited, added.range = True, limits
 
-    def _plan(self, coordinates: Callable[..., JointCoordinates], first: str, index: int, **more: object) -> None:
-        joint = self.robot.model.joints[index]
-        name = str(self.robot.model.names[index])
-        self._planned.append((first, partial(coordinates, name, joint.idx_q, joint.idx_v, joint.nv, **more)))
+    def _add_base(self, body: mujoco.MjsBody, base: BaseCoordinates) -> None:
+        self.bases.append(base)
+        if isinstance(base, PlanarBase):
+            for axis, direction in zip(base.slides, np.eye(3), strict=False):
+                self._add_joint(body, f"{base.name}/{axis}", _SLIDE, direction)
+            self._add_joint(body, f"{base.name}/yaw", _HINGE)
+        else:
+            self._add_joint(body, base.name, mujoco.mjtJoint.mjJNT_FREE)
 
     # ------------------------------------------------------------------ once it is compiled
 
-    def finish(self, model: mujoco.MjModel, data: mujoco.MjData, damping: bool) -> list[JointCoordinates]:
+    def finish(self, model: mujoco.MjModel, data: mujoco.MjData, damping: bool) -> None:
         """Set what a specification lacks in a compiled model: inertias, rotor inertias, damping per axis.
 
         The compiler sees placeholders. It refuses bodies without mass, and moments that violate the triangle
@@ -411,8 +379,8 @@ class BodyTree:
             data: its data.
             damping: True to apply the viscous damping of the robot file.
 
-        Returns:
-            The conversions of all joints between Pinocchio and MuJoCo.
+        Raises:
+            ConfigurationError: a base has rotor inertia or damping.
         """
         own = self.robot.model
         for index in range(1, own.njoints):
@@ -420,45 +388,54 @@ class BodyTree:
             moments = np.linalg.eigvalsh(own.inertias[index].inertia)
             # Rounding can make the smallest moment of a rod negative.
             model.body_mass[body], model.body_inertia[body] = own.inertias[index].mass, np.maximum(moments, 0.0)
-        places = ((model.joint(first), make) for first, make in self._planned)
-        joints = [make(int(place.qposadr[0]), int(place.dofadr[0])) for place, make in places]
-        for joint in joints:
-            here, there = slice(joint.v, joint.v + joint.nv), slice(joint.dof, joint.dof + joint.nv)
-            if isinstance(joint, BaseCoordinates):
-                if own.armature[here].any() or (damping and own.damping[here].any()):
-                    raise ConfigurationError(
-                        f"MuJoCo: base '{joint.name}' has rotor inertia or damping, which MuJoCo bases do not support"
-                    )
-                continue
-            model.dof_armature[there] = own.armature[here]
-            if damping:
-                model.dof_damping[there] = own.damping[here]
+        for base in self.bases:
+            entries = slice(base.v, base.v + base.nv)
+            if own.armature[entries].any() or (damping and own.damping[entries].any()):
+                raise ConfigurationError(
+                    f"MuJoCo: base '{base.name}' has rotor inertia or damping, which MuJoCo bases do not support"
+                )
+        v, dof = _columns(self.speeds)
+        model.dof_armature[dof] = own.armature[v]
+        if damping:
+            model.dof_damping[dof] = own.damping[v]
         # Constants of the compiler belong to the placeholder masses.
         mujoco.mj_setConst(model, data)
-        return joints
 
 
-def _singles(joint: pin.JointModel) -> list[_Single]:
-    """Hinges and slides of a joint; none if it has other components."""
+class _Move(NamedTuple):
+    """Hinge or slide that a joint consists of."""
+
+    placement: pin.SE3
+    """Its place in the joint, or behind the one before it."""
+    q: int
+    v: int
+    slides: bool
+    axis: np.ndarray
+    continuous: bool
+
+
+def _moves(joint: pin.JointModel) -> list[_Move]:
+    """Hinges and slides of a joint in their order; none if it has other components."""
+    parts = [(joint, pin.SE3.Identity())]
     if joint.shortname() == "JointModelComposite":
         whole = joint.extract()
-        found = [_single(each, place) for each, place in zip(whole.joints, whole.jointPlacements, strict=True)]
-    else:
-        found = [_single(joint, pin.SE3.Identity())]
-    return [each for each in found if each] if all(found) else []
-
-
-def _single(joint: pin.JointModel, placement: pin.SE3) -> _Single | None:
-    if joint.nv != 1:
-        return None
-    # By its motion alone: so every kind of hinge and slide has its axis, also inside a composite.
-    alone = pin.Model()
-    alone.addJoint(0, joint, pin.SE3.Identity(), "alone")
-    motion = pin.computeJointJacobians(alone, alone.createData(), pin.neutral(alone)).reshape(6)
-    slide, turn = motion[:3], motion[3:]
-    if slide.any() and turn.any():  # a screw
-        return None
-    return _Single(placement, bool(slide.any()), slide if slide.any() else turn, joint.nq == 2)
+        parts = [*zip(whole.joints, whole.jointPlacements, strict=True)]
+    found: list[_Move] = []
+    for part, placement in parts:
+        # By its motions alone: so every kind of hinge and slide has its axis.
+        alone = pin.Model()
+        alone.addJoint(0, part, pin.SE3.Identity(), "alone")
+        motions = pin.computeJointJacobians(alone, alone.createData(), pin.neutral(alone)).reshape(6, -1).T
+        stacks = ("JointModelTranslation", "JointModelSphericalZYX")
+        if part.nv > 1 and part.shortname() not in stacks:
+            return []
+        for k, (slide, turn) in enumerate(motions.reshape(-1, 2, 3)):
+            if slide.any() and turn.any():  # a screw
+                return []
+            slides = bool(slide.any())
+            found.append(_Move(placement, part.idx_q + k, part.idx_v + k, slides, slide + turn, part.nq > part.nv))
+            placement = pin.SE3.Identity()
+    return found
 
 
 def _body(parent: mujoco.MjsBody, placement: pin.SE3, name: str) -> mujoco.MjsBody:
@@ -470,11 +447,6 @@ def _body(parent: mujoco.MjsBody, placement: pin.SE3, name: str) -> mujoco.MjsBo
         inertia=[_PLACEHOLDER_MASS] * 3,
         explicitinertial=True,
     )
-
-
-def _move(body: mujoco.MjsBody, name: str, slides: bool, axis: np.ndarray) -> mujoco.MjsJoint:
-    kind = mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE
-    return body.add_joint(name=name, type=kind, axis=axis)
 
 
 def _quaternion(rotation: np.ndarray) -> np.ndarray:

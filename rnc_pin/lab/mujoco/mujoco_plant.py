@@ -97,8 +97,8 @@ class MuJoCoPlant:
         self._inputs = ActuatorMapping(reduced, contacts, q, plane.axes[2])
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
-        joints = tree.finish(self.model, self.data, self.settings.joint_damping)
-        self._joints = RobotCoordinates(joints, robot.nq, robot.nv)
+        tree.finish(self.model, self.data, self.settings.joint_damping)
+        self._joints = RobotCoordinates(tree)
         self._equalities = [JointEquality(self.model, name, coupler) for name, coupler in couplers]
         self._ground = Ground(self.model, self.data, [*contacts, *casters], self.settings, plane)
         self.wheel_names = self._ground.names

@@ -64,7 +64,8 @@ class Written:
         tree = BodyTree(spec, robot, "as it is", False)
         self.robot, self.model = robot, spec.compile()
         self.data = mujoco.MjData(self.model)
-        self.joints = RobotCoordinates(tree.finish(self.model, self.data, False), robot.nq, robot.nv)
+        tree.finish(self.model, self.data, False)
+        self.joints = RobotCoordinates(tree)
 
     def velocity(self, q, v):
         other = mujoco.MjData(self.model)
