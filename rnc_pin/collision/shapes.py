@@ -25,7 +25,7 @@ from rnc_pin.array_shapes import Array, Float, Int
 from rnc_pin.errors import InputError, ModelError, nearest
 from rnc_pin.robots.robot import Robot
 from rnc_pin.robots.sources.mesh_formats import read_mesh
-from rnc_pin.robots.sources.mesh_readers import Mesh, MeshError, convex_hull
+from rnc_pin.robots.sources.mesh_readers import Mesh, convex_hull
 
 
 def convex_shape(shape: coal.CollisionGeometry, name: str) -> coal.CollisionGeometry:
@@ -62,12 +62,10 @@ def hull_of(points: np.ndarray, name: str) -> coal.Convex:
     """
     try:
         mesh = convex_hull(points)
-    except MeshError:
+    except ModelError:
         points = _thickened(points)
-        try:
+        with ModelError.at(f"mesh '{name}'"):
             mesh = convex_hull(points)
-        except MeshError as error:
-            raise ModelError(f"mesh '{name}': {error}") from None
     corners = np.array(list(product(*zip(points.min(axis=0), points.max(axis=0), strict=True))))
     # Joggled input of Qhull gives triangles without flat faces, whose fans have too many edges at one corner.
     for attempt in (partial(convex_hull, points, joggled=True), partial(convex_hull, corners)):
@@ -399,10 +397,8 @@ def load_mesh_shape(path: str | Path, scale: float | ArrayLike = 1.0) -> coal.Co
     factors = np.asarray(scale, dtype=float)
     if factors.shape not in ((), (3,)) or not (np.isfinite(factors).all() and factors.all()):
         raise ModelError(f"mesh '{path}': scale takes one number or three, not zero, found {factors.tolist()}")
-    try:
+    with ModelError.at(f"mesh '{path}'"):
         mesh = read_mesh(Path(path))
-    except MeshError as error:
-        raise ModelError(f"mesh '{path}': {error}") from None
     points = np.asarray(mesh.vertices * factors)
     if not np.isfinite(points).all():
         raise ModelError(f"mesh '{path}': its scale gives coordinates that are not finite")

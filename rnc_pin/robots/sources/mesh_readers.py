@@ -22,7 +22,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from rnc_pin.array_shapes import Float, Int
-from rnc_pin.errors import missing_extra
+from rnc_pin.errors import ModelError, missing_extra
 from rnc_pin.io.safe_read import parse_tree
 
 FARTHEST = 1e15
@@ -30,10 +30,6 @@ FARTHEST = 1e15
 
 MOST_TRIANGLES = 1_000_000
 """Largest number of triangles of a mesh: three times as many as the largest in example-robot-data (trunk of Go1)."""
-
-
-class MeshError(ValueError):
-    """Error for a mesh that cannot be used; the message does not name the file."""
 
 
 class Mesh(NamedTuple):
@@ -56,25 +52,25 @@ def checked_mesh(vertices: ArrayLike, triangles: ArrayLike) -> Mesh:
         triangles: indices of vertices (k, 3).
 
     Raises:
-        MeshError: too many, an index out of range, a coordinate beyond ``FARTHEST`` or not finite, or no triangle left.
+        ModelError: too many, an index out of range, a coordinate not finite or beyond ``FARTHEST``, or no triangles.
     """
     points, corners = np.asarray(vertices, dtype=float).reshape(-1, 3), np.asarray(triangles).reshape(-1, 3)
     check_counts(len(points), len(corners))
     if corners.size and (corners.min() < 0 or corners.max() >= len(points)):
         wrong = int(np.flatnonzero(((corners < 0) | (corners >= len(points))).any(axis=1))[0])
-        raise MeshError(f"triangle {wrong} has a vertex that is not among the {len(points):,}")
+        raise ModelError(f"triangle {wrong} has a vertex that is not among the {len(points):,}")
     corners = corners.astype(np.int64)
     # Unused vertices are dropped first: exporters leave placeholders far away, or NaN, among them.
     used = np.zeros(len(points), dtype=bool)
     used[corners] = True
     if not np.isfinite(points[used]).all() or np.abs(points[used]).max(initial=0.0) > FARTHEST:
-        raise MeshError(f"a coordinate is not finite, or beyond {FARTHEST:g}")
+        raise ModelError(f"a coordinate is not finite, or beyond {FARTHEST:g}")
     # By coordinates and not by number: formats without shared vertices repeat their points.
     first, second, third = (points[corners[:, k]] for k in range(3))
     whole = (first != second).any(axis=1) & (second != third).any(axis=1) & (third != first).any(axis=1)
     corners = corners[whole]
     if not len(corners):
-        raise MeshError("has no triangles")
+        raise ModelError("has no triangles")
     # Once more: removed triangles may have been the only users of a vertex.
     used[:] = False
     used[corners] = True
@@ -89,11 +85,11 @@ def check_counts(vertices: int, triangles: int) -> None:
         triangles: number of triangles.
 
     Raises:
-        MeshError: a negative number, or too many.
+        ModelError: a negative number, or too many.
     """
     most_vertices = 3 * MOST_TRIANGLES  # three corners a triangle, all different, as an STL stores them
     if not (0 <= vertices <= most_vertices and 0 <= triangles <= MOST_TRIANGLES):
-        raise MeshError(
+        raise ModelError(
             f"{vertices:,} vertices and {triangles:,} triangles, at most {most_vertices:,} and {MOST_TRIANGLES:,}"
         )
 
@@ -105,7 +101,7 @@ def scene_mesh(parts: Iterable[tuple[Mesh, np.ndarray]]) -> Mesh:
         parts: meshes with their placements.
 
     Raises:
-        MeshError: there are none, or too many triangles.
+        ModelError: there are none, or too many triangles.
     """
     vertices: list[np.ndarray] = []
     triangles: list[np.ndarray] = []
@@ -117,7 +113,7 @@ def scene_mesh(parts: Iterable[tuple[Mesh, np.ndarray]]) -> Mesh:
         check_counts(count, faces)
         vertices.append(mesh.vertices @ placement[:3, :3].T + placement[:3, 3])
     if not vertices:
-        raise MeshError("has no triangles")
+        raise ModelError("has no triangles")
     return checked_mesh(np.concatenate(vertices), np.concatenate(triangles))
 
 
@@ -142,11 +138,11 @@ def fans(indices: np.ndarray, sizes: np.ndarray) -> np.ndarray:
         sizes: number of corners of each polygon.
 
     Raises:
-        MeshError: the sizes do not add up, or there are too many triangles.
+        ModelError: the sizes do not add up, or there are too many triangles.
     """
     sizes = np.asarray(sizes, dtype=np.int64)
     if (sizes < 0).any() or (sizes > len(indices)).any() or int(sizes.sum()) != len(indices):
-        raise MeshError("the sizes of its polygons do not match the number of indices")
+        raise ModelError("the sizes of its polygons do not match the number of indices")
     counts = np.maximum(sizes - 2, 0)
     check_counts(0, int(counts.sum()))
     # Without a loop over polygons: a mesh may have a million.
@@ -185,22 +181,22 @@ def convex_hull(points: ArrayLike, joggled: bool = False) -> Mesh:
             corner of it has many edges.
 
     Raises:
-        MeshError: too few points, or points in a plane.
+        ModelError: too few points, or points in a plane.
     """
     from scipy.spatial import ConvexHull, QhullError  # the import takes 0.1 s and is seldom needed
 
     corners = np.asarray(points, dtype=float).reshape(-1, 3)
     check_counts(len(corners), 0)
     if not np.isfinite(corners).all() or np.abs(corners).max(initial=0.0) > FARTHEST:
-        raise MeshError(f"a coordinate is not finite, or beyond {FARTHEST:g}")
+        raise ModelError(f"a coordinate is not finite, or beyond {FARTHEST:g}")
     if len(corners) < 4:
-        raise MeshError(f"a convex hull needs four points, found {len(corners)}")
+        raise ModelError(f"a convex hull needs four points, found {len(corners)}")
     if is_flat(corners):
-        raise MeshError("its points are in a plane: a convex hull needs a volume")
+        raise ModelError("its points are in a plane: a convex hull needs a volume")
     try:
         hull = ConvexHull(corners, qhull_options="QJ" if joggled else None)
     except QhullError:
-        raise MeshError("its points have no convex hull") from None
+        raise ModelError("its points have no convex hull") from None
     first, second, third = (corners[hull.simplices[:, k]] for k in range(3))
     # Qhull orders the corners of a facet in any sense; its plane points outward.
     inward = np.einsum("ki,ki->k", np.cross(second - first, third - first), hull.equations[:, :3]) < 0
@@ -238,21 +234,21 @@ def read_obj(content: bytes) -> Mesh:
         content: content of the file.
 
     Raises:
-        MeshError: not well formed.
+        ModelError: not well formed.
         ValueError: a word is not a number.
     """
     most_lines, most_characters = 8_000_000, 1 << 16  # of a line: a face of thousands of corners fits
     # Counted at once: a loop in Python takes long, also over lines that it ignores.
     if content.count(b"\n") > most_lines:
-        raise MeshError(f"more than {most_lines:,} lines")
+        raise ModelError(f"more than {most_lines:,} lines")
     vertices, corners, sizes = array("d"), array("q"), array("q")
     # A limit for each line: its words take more memory than the file.
     for line in iter(partial(io.BytesIO(content).readline, most_characters), b""):
         words = line.split()
         if len(line) == most_characters:
-            raise MeshError(f"a line of more than {most_characters:,} characters")
+            raise ModelError(f"a line of more than {most_characters:,} characters")
         if words and words[-1] == b"\\":
-            raise MeshError("a line that continues on the next one is not read")
+            raise ModelError("a line that continues on the next one is not read")
         if words[:1] == [b"v"]:
             vertices.extend(_vertex(words))
             check_counts(len(vertices) // 3, 0)
@@ -272,7 +268,7 @@ def read_obj(content: bytes) -> Mesh:
 def _vertex(words: list[bytes]) -> tuple[float, float, float]:
     """Return the coordinates of a vertex; a weight or colour may follow them."""
     if len(words) not in (4, 5, 7, 8):
-        raise MeshError(f"a vertex of {len(words) - 1} numbers")
+        raise ModelError(f"a vertex of {len(words) - 1} numbers")
     x, y, z = map(float, words[1:4])
     weight = float(words[4]) if len(words) == 5 else 1.0
     return x / weight, y / weight, z / weight
@@ -285,7 +281,7 @@ def read_stl(content: bytes) -> Mesh:
         content: content of the file.
 
     Raises:
-        MeshError: the number of facets does not match the file, or the file is not well formed.
+        ModelError: the number of facets does not match the file, or the file is not well formed.
     """
     head = 84  # bytes before the first facet; the last four hold the number of facets
     count = int.from_bytes(content[head - 4 : head], "little")
@@ -299,11 +295,11 @@ def read_stl(content: bytes) -> Mesh:
             ends.extend(map(float, match.groups()))
             check_counts(0, len(ends) // 9)
         if len(ends) % 9:
-            raise MeshError("a facet does not have three vertices")
+            raise ModelError("a facet does not have three vertices")
         corners = np.frombuffer(ends, dtype=float).reshape(-1, 3)
     else:
         room = max(0, len(content) - head) // _FACET.itemsize
-        raise MeshError(f"STL of {len(content):,} bytes: room for {room:,} triangles, declared {count:,}")
+        raise ModelError(f"STL of {len(content):,} bytes: room for {room:,} triangles, declared {count:,}")
     points, indices = merged(corners)
     return checked_mesh(points, indices.reshape(-1, 3))
 
@@ -326,14 +322,14 @@ def read_collada(content: bytes) -> Mesh:
         content: content of the file.
 
     Raises:
-        MeshError: not well formed, or too many nodes or triangles.
+        ModelError: not well formed, or too many nodes or triangles.
         ValueError: a word is not a number.
     """
     root = parse_tree(content)
     for element in root.iter():
         element.tag = element.tag.rpartition(":")[2]
     if root.tag != "COLLADA":
-        raise MeshError("no Collada file")
+        raise ModelError("no Collada file")
     return _ColladaScene(root).mesh()
 
 
@@ -357,13 +353,13 @@ class _ColladaScene:
         scene = self._root.find("scene/instance_visual_scene")
         start = self._root.find("library_visual_scenes/visual_scene") if scene is None else self._named(scene, "url")
         if start is None:
-            raise MeshError("has no scene")
+            raise ModelError("has no scene")
         return scene_mesh(part for node in start.findall("node") for part in self._placed(node, np.eye(4), 0))
 
     def _named(self, element: ElementTree.Element, key: str) -> ElementTree.Element:
         name = element.get(key, "")
         if not name.startswith("#") or name[1:] not in self._ids:
-            raise MeshError(f"<{element.tag}> names '{name[:40]}', which is not in the file")
+            raise ModelError(f"<{element.tag}> names '{name[:40]}', which is not in the file")
         return self._ids[name[1:]]
 
     def _placed(
@@ -372,12 +368,12 @@ class _ColladaScene:
         """Yield the meshes of a node and of nodes inside with their placements (4, 4).
 
         Raises:
-            MeshError: too many nodes, or too deep, as nodes are that contain themselves.
+            ModelError: too many nodes, or too deep, as nodes are that contain themselves.
         """
         # Nodes can be instances of nodes, which double from level to level or never end.
         self._visited += 1
         if self._visited > _MAX_NODES or depth > _MAX_DEPTH:
-            raise MeshError(_TOO_MANY_NODES)
+            raise ModelError(_TOO_MANY_NODES)
         transforms = ("matrix", "translate", "scale", "rotate", "lookat", "skew")
         for part in node:
             if part.tag in transforms:
@@ -411,7 +407,7 @@ class _ColladaScene:
         """Return the positions (n, 3) of a source."""
         accessor = source.find("technique_common/accessor")
         if accessor is None:
-            raise MeshError("a source has no accessor")
+            raise ModelError("a source has no accessor")
         stored = self._named(accessor, "source")
         # Text is parsed once: accessors of several sources may share one array.
         if id(stored) not in self._numbers:
@@ -425,14 +421,14 @@ class _ColladaScene:
         check_counts(self._read, 0)
         # NumPy would wrap negative places and read other points.
         if stride < 3 or offset < 0 or count < 1 or offset + stride * (count - 1) + 3 > len(values):
-            raise MeshError(f"an accessor of {count:,} points in {len(values):,} numbers")
+            raise ModelError(f"an accessor of {count:,} points in {len(values):,} numbers")
         return np.asarray(values[(offset + stride * np.arange(count))[:, None] + np.arange(3)])
 
 
 def _input(element: ElementTree.Element, semantic: str) -> ElementTree.Element:
     found = next((each for each in element.findall("input") if each.get("semantic") == semantic), None)
     if found is None:
-        raise MeshError(f"<{element.tag}> has no {semantic}")
+        raise ModelError(f"<{element.tag}> has no {semantic}")
     return found
 
 
@@ -452,7 +448,7 @@ def _collada_transform(part: ElementTree.Element) -> np.ndarray:
         if length > 0:
             matrix[:3, :3] = pin.AngleAxis(np.deg2rad(angle), np.array(axis) / length).toRotationMatrix()
     else:
-        raise MeshError(f"<{part.tag}> is not read")
+        raise ModelError(f"<{part.tag}> is not read")
     return matrix
 
 
@@ -462,10 +458,10 @@ def _primitive(primitive: ElementTree.Element) -> np.ndarray:
     place, width = int(_input(primitive, "VERTEX").get("offset", "0")), max(inputs) + 1
     # Corners have a few inputs: a huge offset is a fault of the file.
     if min(inputs) < 0 or width > 64:
-        raise MeshError("an input has no offset")
+        raise ModelError("an input has no offset")
     lists = [numbers(each.text, np.int64) for each in primitive.findall("p")]
     if any(len(each) % width for each in lists):
-        raise MeshError(f"indices of <{primitive.tag}> are not in groups of {width}")
+        raise ModelError(f"indices of <{primitive.tag}> are not in groups of {width}")
     corners = [each[place::width] for each in lists]
     together = np.concatenate(corners) if corners else np.zeros(0, dtype=np.int64)
     if primitive.tag == "polylist":
@@ -487,13 +483,13 @@ def read_by_trimesh(kind: str, content: bytes) -> Mesh:
         content: content of the file.
 
     Raises:
-        MeshError: trimesh is not installed; or the file is not well formed, compressed, too large, shorter or longer
+        ModelError: trimesh is not installed; or the file is not well formed, compressed, too large, shorter or longer
             than its header says, or has data in other files.
     """
     try:
         import trimesh
     except ImportError:
-        raise MeshError(missing_extra("meshes")) from None
+        raise ModelError(missing_extra("meshes")) from None
     checks: Mapping[str, Callable[[bytes], None]] = {"glb": _check_glb, "gltf": _check_gltf, "ply": _check_ply}
     checks[kind](content)
     log = logging.getLogger("trimesh")
@@ -506,7 +502,7 @@ def read_by_trimesh(kind: str, content: bytes) -> Mesh:
             # Without processing: merging vertices and dropping faces is done here, after the checks.
             scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, process=False, skip_materials=True)
         except Exception:  # any: trimesh checks little
-            raise MeshError(f"not well-formed {kind.upper()}") from None
+            raise ModelError(f"not well-formed {kind.upper()}") from None
         finally:
             log.setLevel(level)
     read = {
@@ -523,7 +519,7 @@ def _check_glb(content: bytes) -> None:
     size, kind = (int(each) for each in np.frombuffer(content, "<u4", 2, 12))
     json_chunk = 0x4E4F534A  # type of the first chunk of a GLB
     if kind != json_chunk or size > len(content) - 20:
-        raise MeshError(f"a chunk of {size:,} bytes in a file of {len(content):,}")
+        raise ModelError(f"a chunk of {size:,} bytes in a file of {len(content):,}")
     _check_gltf(content[20 : 20 + size], len(content))
 
 
@@ -532,25 +528,25 @@ def _check_gltf(text: bytes, size: int | None = None) -> None:
     size = size or len(text)
     most_parts = 2_000_000  # of the JSON: each part takes more memory than its text
     if sum(map(text.count, (b"[", b"{", b","))) > most_parts:
-        raise MeshError(f"JSON of more than {most_parts:,} parts")
+        raise ModelError(f"JSON of more than {most_parts:,} parts")
     document: Mapping[str, Any] = json.loads(text)
     for buffer in document.get("buffers", ()):
         uri = buffer.get("uri", "data:")
         if not uri.startswith("data:"):
-            raise MeshError(f"data in another file, '{uri[:40]}', is not read: put all into one .glb")
+            raise ModelError(f"data in another file, '{uri[:40]}', is not read: put all into one .glb")
     if len(document.get("nodes", ())) > _MAX_NODES:
-        raise MeshError(f"more than {_MAX_NODES:,} nodes")
+        raise ModelError(f"more than {_MAX_NODES:,} nodes")
     views, accessors = document.get("bufferViews", ()), document.get("accessors", ())
     sizes = [each["byteLength"] for each in views] + [each.get("byteOffset", 0) for each in (*views, *accessors)]
     counts = [each["count"] for each in accessors] + [each.get("byteStride", 1) for each in views]
     if not all(isinstance(each, int) and each >= 0 for each in (*sizes, *counts)) or 0 in counts[len(accessors) :]:
-        raise MeshError("a size is not a whole number")
+        raise ModelError("a size is not a whole number")
     if any("sparse" in each or "bufferView" not in each for each in accessors):
-        raise MeshError("an accessor that is sparse or compressed is not read")
+        raise ModelError("an accessor that is sparse or compressed is not read")
     most_copies = 4  # bytes of all views, relative to the bytes of the file
     most_items = 12_000_000  # of all accessors
     if sum(sizes[: len(views)]) > most_copies * size or sum(counts[: len(accessors)]) > most_items:
-        raise MeshError(f"declares {sum(counts[: len(accessors)]):,} items in {size:,} bytes, at most {most_items:,}")
+        raise ModelError(f"declares {sum(counts[: len(accessors)]):,} items in {size:,} bytes, at most {most_items:,}")
     _check_primitives(document)
 
 
@@ -564,7 +560,7 @@ def _check_primitives(document: Mapping[str, Any]) -> None:
         for primitive in mesh["primitives"]:
             place = primitive["attributes"]["POSITION"]
             if accessors[place]["componentType"] != float_type:
-                raise MeshError("positions that are not floats are not read")
+                raise ModelError("positions that are not floats are not read")
             count += accessors[primitive.get("indices", place)]["count"]
         triangles.append(count // 3)
     used = [node["mesh"] for node in document.get("nodes", ()) if "mesh" in node]
@@ -576,15 +572,15 @@ def _check_ply(content: bytes) -> None:
     header_limit = 1 << 16  # bytes
     end = content.find(b"end_header", 0, header_limit)
     if not content.startswith(b"ply") or end < 0:
-        raise MeshError("has no PLY header")
+        raise ModelError("has no PLY header")
     lines = [line.split() for line in content[:end].decode("ascii", "replace").splitlines()]
     rows = [int(words[2]) for words in lines if words[:1] == ["element"]]
     if min(rows, default=0) < 0 or sum(rows) > len(content):
-        raise MeshError(f"says {sum(rows):,} elements in {len(content):,} bytes")
+        raise ModelError(f"says {sum(rows):,} elements in {len(content):,} bytes")
     is_text = b"ascii" in content.split(b"\n", 2)[1].lower()
     if is_text and sum(rows) > content.count(b"\n", end):
-        raise MeshError("ends before its last element")
+        raise ModelError("ends before its last element")
     most_rows = 4_000_000  # lines of a PLY as text, each of which trimesh makes an array
     breaks = (b"\n", b"\r", b"\v", b"\f", b"\x1c", b"\x1d", b"\x1e")  # where Python splits lines
     if is_text and not (content.isascii() and sum(map(content.count, breaks)) <= most_rows):
-        raise MeshError(f"text that is not ASCII, or has more than {most_rows:,} lines")
+        raise ModelError(f"text that is not ASCII, or has more than {most_rows:,} lines")

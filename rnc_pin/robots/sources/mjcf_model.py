@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 from xml.etree import ElementTree
@@ -16,7 +17,7 @@ from rnc_pin.errors import ModelError, few
 from rnc_pin.printing import counted
 from rnc_pin.robots.sources import mesh_formats, mesh_readers
 from rnc_pin.robots.sources.description import ROOT_JOINTS, check_not_negative, read_numbers
-from rnc_pin.robots.sources.mesh_readers import Mesh, MeshError
+from rnc_pin.robots.sources.mesh_readers import Mesh
 
 if TYPE_CHECKING:
     import mujoco
@@ -280,38 +281,34 @@ class MeshAssets:
         for mesh in spec.meshes:
             if mesh.name not in needed:
                 continue
-            try:
+            with ModelError.at(f"{self._path}: mesh '{mesh.name}'"):
                 found = self._read(mesh.name)
                 shapes.count(found)
                 vertices = mesh_formats.scaled_vertices(found, np.array(mesh.scale))
-                if mesh_readers.is_flat(vertices.astype(np.float32).astype(float)):  # the precision of MuJoCo
-                    flat.add(mesh.name)
-            except MeshError as error:
-                raise ModelError(f"{self._path}: mesh '{mesh.name}': {error}") from None
+            if mesh_readers.is_flat(vertices.astype(np.float32).astype(float)):  # the precision of MuJoCo
+                flat.add(mesh.name)
             mesh.uservert, mesh.userface = found.vertices.ravel(), found.triangles.ravel()
         for geom in spec.geoms:
             if geom.meshname in flat:  # MuJoCo builds convex hulls of colliding meshes; a flat mesh has none
                 geom.contype = geom.conaffinity = 0
 
-    def load(self, uses: Iterable[tuple[str, np.ndarray]]) -> Iterator[mesh_formats.LoadedMesh]:
-        """Yield the meshes of a robot, given by name and scale (3,).
+    def fill(self, geometry: pin.GeometryModel, uses: Mapping[int, tuple[str, np.ndarray]]) -> None:
+        """Put meshes in the place of other shapes.
 
         Args:
-            uses: name and scale of each mesh, in the order of the result.
+            geometry: geometry of the robot, changed in place.
+            uses: index of a shape to the name and the scale (3,) of its mesh.
 
         Raises:
             ModelError: a mesh cannot be used.
         """
-        shapes, read = mesh_formats.MeshShapes(), dict[str, Mesh]()
-        for name, factors in uses:
+        shapes = mesh_formats.MeshShapes()
+        for place, (name, factors) in uses.items():
             attributes = self._attributes[name]
-            try:
-                if name not in read:
-                    read[name] = self._read(name)
-                # Viewers share a file as it stands by its path; one that the description moves is a mesh of its own.
-                yield shapes.make(read[name], factors, "" if _MOVED & set(attributes) else attributes.get("file", ""))
-            except MeshError as error:
-                raise ModelError(f"{self._path}: mesh '{name}': {error}") from None
+            # Viewers share a file as it stands by its path; one that the description moves is a mesh of its own.
+            file = "" if _MOVED & set(attributes) else attributes.get("file", "")
+            with ModelError.at(f"{self._path}: mesh '{name}'"):
+                shapes.put(geometry.geometryObjects[place], name, partial(self._read, name), factors, file)
 
     def _read(self, name: str) -> Mesh:
         attributes = self._attributes[name]
@@ -321,7 +318,7 @@ class MeshAssets:
             return mesh
         place, turn = _numbers(attributes, "refpos", 3), _numbers(attributes, "refquat", 4)
         if place is None or turn is None or not turn.any():
-            raise MeshError("refpos takes three numbers, refquat four that are not all zero")
+            raise ModelError("refpos takes three numbers, refquat four that are not all zero")
         rotation = pin.Quaternion(turn[0], *turn[1:]).normalized().matrix()
         # refpos and refquat are the place of the new origin in the file: vertices move the other way.
         return mesh_readers.checked_mesh((mesh.vertices - place) @ rotation, mesh.triangles)
@@ -335,19 +332,19 @@ def _inline_triangles(attributes: Mapping[str, str]) -> Mesh:
     """Return the triangles in a description, or the convex hull if it has only points.
 
     Raises:
-        MeshError: no points, or they are not well formed.
+        ModelError: no points, or they are not well formed.
     """
     points = read_numbers(attributes.get("vertex", ""))
     corners = read_numbers(attributes.get("face", ""))
     if points is None or corners is None or points.size % 3 or corners.size % 3 or (corners % 1).any():
-        raise MeshError("vertex and face take three numbers per entry")
+        raise ModelError("vertex and face take three numbers per entry")
     if not points.size:
-        raise MeshError("has neither a file nor vertices")
+        raise ModelError("has neither a file nor vertices")
     # As MuJoCo does for a mesh of vertices without faces.
     if not corners.size:
         return mesh_readers.convex_hull(points)
     if np.abs(corners).max() > points.size:
-        raise MeshError("a face has an unknown vertex")
+        raise ModelError("a face has an unknown vertex")
     return mesh_readers.checked_mesh(points, corners.astype(np.int64))
 
 
@@ -390,9 +387,8 @@ class MjcfGeometry:
         Raises:
             ModelError: a mesh cannot be used.
         """
-        geometry, places = self._models[kind].copy(), self._meshes[kind]
-        for place, mesh in zip(places, self._assets.load([*places.values()]), strict=True):
-            mesh.replace(geometry.geometryObjects[place])
+        geometry = self._models[kind].copy()
+        self._assets.fill(geometry, self._meshes[kind])
         return geometry
 
     def _add(self, compiled: mujoco.MjModel, k: int, built: ModelBuilder) -> None:

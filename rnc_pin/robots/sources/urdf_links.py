@@ -9,6 +9,7 @@ import itertools
 from collections import Counter
 from collections.abc import Mapping
 from copy import deepcopy
+from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -65,38 +66,27 @@ class Meshes:
         Raises:
             ModelError: a shape other than a mesh cannot be built.
         """
-        from rnc_pin.robots.sources.mesh_formats import LoadedMesh, MeshShapes
-        from rnc_pin.robots.sources.mesh_readers import MeshError
+        from rnc_pin.robots.sources.mesh_formats import MeshShapes, read_mesh
 
-        # The other kind of geometry needs the elements that are removed here.
-        root, shapes, faults = deepcopy(self._root), MeshShapes(), dict[str, str]()
-        loaded, bare = dict[str, LoadedMesh](), dict[str, ElementTree.Element]()
+        geometry, shapes, faults = self._build(model, kind), MeshShapes(), dict[str, str]()
         gone = self.lost[kind] = {}
-        for link in root.findall("link"):
-            name, kept = str(link.get("name")), 0
-            for shape in link.findall(kind):
-                mesh = _mesh_of(shape)
-                if mesh is not None:
-                    file = mesh.get("filename", "")
-                    try:
-                        if file in self._missing:
-                            raise MeshError("not found")
-                        loaded[f"{name}_{kept}"] = shapes.load(Path(file), mesh.get("scale"))  # Pinocchio's name
-                    except MeshError as error:
-                        faults[file] = str(error)
-                        gone[name] = (*gone.get(name, ()), Path(file).name)
-                        link.remove(shape)
-                        continue
-                # Pinocchio numbers the shapes of a link that stay: a mesh that is left out does not count.
-                kept += 1
-            if name in gone and not kept:
-                bare[name] = link
-        geometry = self._build(model, root, kind)
-        for placeholder in geometry.geometryObjects:
-            if placeholder.name in loaded:
-                loaded[placeholder.name].replace(placeholder)
-        if kind == "visual":
-            for name, link in bare.items():
+        for link in self._root.findall("link"):
+            name, drawn = str(link.get("name")), link.findall(kind)
+            for number, mesh in enumerate(map(_mesh_of, drawn)):
+                if mesh is None:
+                    continue
+                file, shape = mesh.get("filename", ""), f"{name}_{number}"  # Pinocchio's name
+                try:
+                    if file in self._missing:
+                        raise ModelError("not found")
+                    factors = description.check_numbers(mesh.get("scale", "1 1 1"), (3,), "scale")
+                    placeholder = geometry.geometryObjects[geometry.getGeometryId(shape)]
+                    shapes.put(placeholder, file, partial(read_mesh, Path(file)), factors, file)
+                except ModelError as error:
+                    faults[file] = str(error)
+                    gone[name] = (*gone.get(name, ()), Path(file).name)
+                    geometry.removeGeometryObject(shape)
+            if kind == "visual" and drawn and len(gone.get(name, ())) == len(drawn):
                 _stand_in(geometry, model, name, link)
         # Once for both kinds of geometry, which often name the same files.
         if faults and not self._warned:
@@ -104,8 +94,9 @@ class Meshes:
             self._warn(faults)
         return geometry
 
-    def _build(self, model: pin.Model, root: ElementTree.Element, kind: str) -> pin.GeometryModel:
+    def _build(self, model: pin.Model, kind: str) -> pin.GeometryModel:
         """Build the geometry by Pinocchio, with a box in place of each mesh; Pinocchio's mesh loader is not used."""
+        root = deepcopy(self._root)
         for mesh in [*root.iter("mesh")]:
             mesh.tag, mesh.attrib = "box", {"size": "1 1 1"}
         text = ElementTree.tostring(root, encoding="unicode")
@@ -329,12 +320,11 @@ def _bounds(geometry: ElementTree.Element | None) -> np.ndarray:
 
 def _vertices(file: str) -> np.ndarray:
     from rnc_pin.robots.sources.mesh_formats import read_mesh
-    from rnc_pin.robots.sources.mesh_readers import MeshError
 
     try:
         if Path(file).is_absolute():  # a relative path means that the file was not found
             return read_mesh(Path(file)).vertices
-    except MeshError:
+    except ModelError:
         pass
     return np.full((1, 3), np.nan)
 

@@ -18,7 +18,7 @@ from rnc_pin.robots import robot_files
 from rnc_pin.robots.sources import mesh_formats
 from rnc_pin.robots.sources import mesh_readers as readers
 from rnc_pin.robots.sources.mesh_formats import read_mesh
-from rnc_pin.robots.sources.mesh_readers import MeshError, convex_hull, read_collada
+from rnc_pin.robots.sources.mesh_readers import convex_hull, read_collada
 from urdf_parts import write
 
 SINGLE = 1e-7  # [m], of vertices kept in single precision
@@ -144,7 +144,7 @@ BROKEN = {
 @pytest.mark.parametrize(("name", "content", "says"), BROKEN.values(), ids=BROKEN)
 def test_broken_meshes_are_refused_soon_and_by_name(name, content, says, tmp_path):
     path = write(tmp_path / name, content)
-    with ending_within(5), pytest.raises(MeshError, match=says):
+    with ending_within(5), pytest.raises(rnc.ModelError, match=says):
         read_mesh(path)
     robot = rnc.Robot.from_urdf(write(tmp_path / "r.urdf", solid.urdf([name])))
     with ending_within(5), pytest.warns(rnc.ModelWarning, match=f"1 mesh was not readable: {name} \\(.*({says})"):
@@ -160,13 +160,13 @@ def test_nodes_of_a_collada_file_are_counted_before_they_are_visited(limit, most
     monkeypatch.setattr(readers, limit, most)
     read_collada(content.encode())
     monkeypatch.setattr(readers, limit, most - 1)
-    with pytest.raises(MeshError, match="nodes are more than"):
+    with pytest.raises(rnc.ModelError, match="nodes are more than"):
         read_collada(content.encode())
 
 
 def test_a_pipe_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "m.stl")
-    with pytest.raises(MeshError, match="Not a regular file"):
+    with pytest.raises(rnc.ModelError, match="Not a regular file"):
         read_mesh(tmp_path / "m.stl")
 
 
@@ -302,7 +302,7 @@ def test_without_trimesh_one_line_names_the_extra(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "trimesh", None)
     words = r"trimesh is not installed: pip install '\.\[meshes\]' in the folder of rnc_pin's source"
     for name in ("m.glb", "m.gltf", "m.ply"):
-        with pytest.raises(MeshError, match=words):
+        with pytest.raises(rnc.ModelError, match=words):
             read_mesh(write(tmp_path / name, b""))
     (tmp_path / "r.urdf").write_text(solid.urdf(["m.glb"]))
     with pytest.warns(rnc.ModelWarning, match=rf"1 mesh was not readable: m\.glb \({words}"):
