@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal, get_args
 
@@ -242,7 +242,7 @@ class Channel:
         Args:
             by: time to add [s].
         """
-        return Channel(self.quantity, self.of, self.time + by, self.values, self.repairs)
+        return replace(self, time=self.time + by)
 
     def at(self, times: Sequence[float] | np.ndarray) -> np.ndarray:
         """Return values (M, d) at other times, linear between samples; NaN in gaps and outside the samples.

@@ -6,6 +6,7 @@ import io
 import itertools
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import cast
@@ -15,7 +16,7 @@ import pinocchio as pin
 from numpy import ndarray as Array
 from scipy.spatial.transform import Rotation
 
-from rnc_pin.errors import ConfigurationError, InputError, check_unique, nearest
+from rnc_pin.errors import ConfigurationError, InputError, RncError, check_unique, nearest
 from rnc_pin.io.json import Json
 from rnc_pin.io.safe_npz import ArchiveError, read_npz
 from rnc_pin.io.safe_read import open_regular
@@ -75,7 +76,11 @@ class Log(SummaryMixin):
         path, keys = Path(path), LogMapping.of(mapping)
         try:
             return cls(read_table(path, keys)).corrected(keys.corrections)
-        except InputError as error:
+        except UnicodeDecodeError as error:
+            raise ConfigurationError(f"{path}: not a text file: {error.reason} at byte {error.start}") from None
+        except OSError as error:
+            raise ConfigurationError(f"{path}: {error.strerror or 'cannot be read'}") from None
+        except (ArchiveError, RncError) as error:
             raise ConfigurationError(f"{path}: {error}") from None
 
     @classmethod
@@ -192,7 +197,7 @@ def _corrected(channel: Channel, by: Correction | None) -> Channel:
     values = channel.values
     if channel.quantity in ("position", "velocity"):
         values = by.scale * values + (by.offset if channel.quantity == "position" else 0.0)
-    return Channel(channel.quantity, channel.of, channel.time - by.delay, values, channel.repairs)
+    return replace(channel, time=channel.time - by.delay, values=values)
 
 
 def _described(channel: Channel) -> list[Item]:
@@ -241,26 +246,26 @@ def unwrapped(counts: Array, span: float, what: str = "encoder") -> Array:
     return np.asarray(first + np.concatenate([[0.0], np.cumsum(steps)]))
 
 
-def read_table(path: Path, mapping: LogMapping) -> list[Channel]:
-    """Channels of a table.
+def read_table(path: Path, mapping: LogMapping) -> Iterator[Channel]:
+    """Channels of a table. Messages of its errors do not name the file, which the caller knows.
 
     Args:
         path: the file; an archive if its name ends with .npz, else a text table.
         mapping: columns of joints and frames.
 
     Raises:
-        ConfigurationError: the file or a column cannot be read.
+        OSError, UnicodeDecodeError, ArchiveError: the file cannot be read.
+        RncError: a column cannot be read.
     """
     groups = (*mapping.joints.values(), *mapping.frames.values())
     chosen = [column for keys in groups for column in _given(keys).values()]
     if not chosen:
-        raise ConfigurationError(f"{path}: its mapping names no column of a joint or a frame")
+        raise ConfigurationError("its mapping names no column of a joint or a frame")
     # Each column once, also one that two channels share.
     places = list(dict.fromkeys([mapping.time.column, *(column.column for column in chosen)]))
     read = _read_archive(path, places) if path.suffix.lower() == ".npz" else _read_text(path, mapping, places)
     numbers = dict(zip(places, read, strict=True))
-    time = numbers[mapping.time.column] * mapping.time.scale + mapping.time.offset
-    return [*_channels(path, mapping, time, numbers)]
+    return _channels(mapping, numbers[mapping.time.column] * mapping.time.scale + mapping.time.offset, numbers)
 
 
 def _given(keys: Strict) -> dict[str, ColumnKeys]:
@@ -268,7 +273,7 @@ def _given(keys: Strict) -> dict[str, ColumnKeys]:
     return {name: column for name, column in keys if column is not None}
 
 
-def _channels(path: Path, mapping: LogMapping, time: Array, numbers: Mapping[Place, Array]) -> Iterator[Channel]:
+def _channels(mapping: LogMapping, time: Array, numbers: Mapping[Place, Array]) -> Iterator[Channel]:
     # Counters are unwrapped in the order of time, and without the samples that have no number.
     order = np.argsort(time, kind="stable")
 
@@ -276,7 +281,7 @@ def _channels(path: Path, mapping: LogMapping, time: Array, numbers: Mapping[Pla
         found = numbers[column.column].copy()
         if column.wrap is not None:
             whole = order[np.isfinite(found[order])]
-            found[whole] = unwrapped(found[whole], column.wrap, f"{path}: {what}, column {column.column!r}")
+            found[whole] = unwrapped(found[whole], column.wrap, f"{what}, column {column.column!r}")
         turn = 1.0 if column.ticks is None else 2.0 * np.pi / column.ticks
         return column.scale * turn * found + column.offset
 
@@ -296,7 +301,7 @@ def _channels(path: Path, mapping: LogMapping, time: Array, numbers: Mapping[Pla
             angles = [name for name in pose_keys[3:] if name in given]
             if missing or angles:
                 fault = f"lacks {', '.join(missing)}" if missing else f"has {', '.join(angles)} beside a quaternion"
-                raise ConfigurationError(f"{path}: frames.{frame}: {fault}")
+                raise ConfigurationError(f"frames.{frame}: {fault}")
             values = stacked(pose, (*pose_keys[:3], *quaternion_keys), frame)
         else:
             parts = stacked(pose, pose_keys, frame)
@@ -311,31 +316,26 @@ def _read_text(path: Path, mapping: LogMapping, places: Sequence[Place]) -> list
     # None is any number of blanks.
     separator = {"comma": ",", "semicolon": ";", "tab": "\t", "space": None}[mapping.separator]
     header = any(isinstance(place, str) for place in places) if mapping.header is None else mapping.header
-    try:
-        # Without the byte order mark that spreadsheets write.
-        with open_regular(path) as binary, io.TextIOWrapper(binary, encoding="utf-8-sig") as file:
-            # Lazily: a table may be larger than the memory that its numbers need.
-            lines = (line for line in file if line.strip() and not line.lstrip().startswith(mapping.comment))
-            names = [part.strip(' \t\r\n"') for part in next(lines, "").split(separator)] if header else []
-            return _numbers(path, lines, separator, mapping.comment, [_number(path, place, names) for place in places])
-    except UnicodeDecodeError as error:
-        raise ConfigurationError(f"{path}: not a text file: {error.reason} at byte {error.start}") from None
-    except OSError as error:
-        raise ConfigurationError(f"{path}: {error.strerror or 'cannot be read'}") from None
+    # Without the byte order mark that spreadsheets write.
+    with open_regular(path) as binary, io.TextIOWrapper(binary, encoding="utf-8-sig") as file:
+        # Lazily: a table may be larger than the memory that its numbers need.
+        lines = (line for line in file if line.strip() and not line.lstrip().startswith(mapping.comment))
+        names = [part.strip(' \t\r\n"') for part in next(lines, "").split(separator)] if header else []
+        return _numbers(lines, separator, mapping.comment, [_number(place, names) for place in places])
 
 
-def _number(path: Path, place: Place, names: Sequence[str]) -> int:
+def _number(place: Place, names: Sequence[str]) -> int:
     if isinstance(place, int):
         return place
     if place not in names:
         hint = nearest(place, names) if names else "; the table has no header, give the number of the column"
-        raise ConfigurationError(f"{path}: no column '{place}'{hint}")
+        raise ConfigurationError(f"no column '{place}'{hint}")
     if names.count(place) > 1:
-        raise ConfigurationError(f"{path}: {names.count(place)} columns are named '{place}': give the number of one")
+        raise ConfigurationError(f"{names.count(place)} columns are named '{place}': give the number of one")
     return names.index(place)
 
 
-def _numbers(path: Path, lines: Iterator[str], separator: str | None, comment: str, wanted: list[int]) -> list[Array]:
+def _numbers(lines: Iterator[str], separator: str | None, comment: str, wanted: list[int]) -> list[Array]:
     """Columns of text lines. Empty fields are NaN; only blocks of lines that have some are read slowly."""
     blocks, start = [], 0
     read = partial(np.loadtxt, delimiter=separator, comments=comment, usecols=wanted, ndmin=2, quotechar='"')
@@ -347,10 +347,10 @@ def _numbers(path: Path, lines: Iterator[str], separator: str | None, comment: s
             try:
                 blocks.append(read(block, converters=_field))
             except ValueError as error:
-                raise ConfigurationError(f"{path}: {_explained(str(error), start)}") from None
+                raise ConfigurationError(_explained(str(error), start)) from None
         start += len(block)
     if not blocks:
-        raise ConfigurationError(f"{path}: has no lines with numbers")
+        raise ConfigurationError("has no lines with numbers")
     return list(np.concatenate(blocks).T)
 
 
@@ -375,29 +375,24 @@ def _read_archive(path: Path, places: Sequence[Place]) -> list[Array]:
     parts = [re.fullmatch(r"(.+?)(?:\[(\d+)\])?", str(place)) for place in places]
     names = [part[1] for part in parts if part]
     largest = 16 * 2**30  # size limit of the arrays of an archive [bytes]
-    try:
-        arrays = read_npz(path, names, largest=largest)
-    except FileNotFoundError:
-        raise ConfigurationError(f"{path}: No such file or directory") from None
-    except ArchiveError as error:
-        raise ConfigurationError(f"{path}: {error}") from None
+    arrays = read_npz(path, names, largest=largest)
     columns = []
     for place, part in zip(places, parts, strict=True):
         if part is None or part[1] not in arrays:
-            raise ConfigurationError(f"{path}: no array '{place}'")
+            raise ConfigurationError(f"no array '{place}'")
         array, index = arrays[part[1]], part[2]
         fits = array.ndim == 1 if index is None else array.ndim == 2 and int(index) < array.shape[1]
         if not fits:
             expected = "a vector, or name[k] for column k of a matrix"
-            raise ConfigurationError(f"{path}: '{place}' has shape {array.shape}, expected {expected}")
-        columns.append(_floats(path, str(place), array if index is None else array[:, int(index)]))
+            raise ConfigurationError(f"'{place}' has shape {array.shape}, expected {expected}")
+        columns.append(_floats(str(place), array if index is None else array[:, int(index)]))
     if len({len(column) for column in columns}) > 1:
-        raise ConfigurationError(f"{path}: columns of {sorted({len(column) for column in columns})} rows")
+        raise ConfigurationError(f"columns of {sorted({len(column) for column in columns})} rows")
     return columns
 
 
-def _floats(path: Path, name: str, column: Array) -> Array:
+def _floats(name: str, column: Array) -> Array:
     try:
         return np.asarray(column, dtype=float)
     except (TypeError, ValueError):
-        raise ConfigurationError(f"{path}: column '{name}' has no numbers, found {column.dtype}") from None
+        raise ConfigurationError(f"column '{name}' has no numbers, found {column.dtype}") from None
