@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
@@ -12,14 +12,12 @@ import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, InfeasibleError
 from rnc_pin.lab.calibration.rolling_motion import RollingMotion
-from rnc_pin.lab.calibration.unknowns import SensorPlace, Unknown, UnknownNumber, corrections_of, radii_of
+from rnc_pin.lab.calibration.unknowns import SensorPlace, Unknown, UnknownNumber, corrections_of, radii_of, with_radius
 from rnc_pin.lab.calibration.window_fit import Fit, WindowFit, Windows, correlation_of, joined, plane
 from rnc_pin.lab.logs.channel import Channel, Correction
 from rnc_pin.lab.logs.log import Log
-from rnc_pin.model.coordinates import heading_of
-from rnc_pin.model.rows import ConstraintKind
 from rnc_pin.model.system import NonholonomicSystem
-from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
+from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin, items
 
 _FEWEST = 4  # samples of a window
 
@@ -102,16 +100,16 @@ class Calibration(SummaryMixin):
 
     def _summary(self) -> ObjectSummary:
         every = zip(self.names, self.units, self.values, self.std, self.nominal, strict=True)
-        lines = [
+        lines: list[Line] = [
             (name, [Item(f"{value:.6g} {unit}".strip(), f"std {std:.2g}, file {nominal:.6g}")])
             for name, unit, value, std, nominal in every
         ]
         lines += [(f"path, {name}", [Item(str(error))]) for name, error in self.errors.items()]
         words, deviation = self.combinations[0]
         lines += [("worst known", [Item(words, f"std {deviation:.2g}")])]
-        lines += [("outliers", [Item(f"{len(self.outliers)} poses")])] if len(self.outliers) else []
-        lines += [("unused rows", [Item(name) for name in self.unused_rows])] if self.unused_rows else []
-        return ObjectSummary("Calibration", lines)
+        lines += [("outliers", [Item(f"{len(self.outliers)} poses")] if len(self.outliers) else [])]
+        lines += [("unused rows", items(self.unused_rows))]
+        return ObjectSummary("Calibration", [line for line in lines if line[1]])
 
 
 def calibrate(
@@ -226,7 +224,7 @@ class PoseProblem:
             channel: poses of the sensor.
             heading: True if the sensor measures the heading.
         """
-        self._motion, self._heading = motion, heading
+        self.motion, self._heading = motion, heading
         # Outside the joints' log there is no prediction.
         inside = (channel.time >= motion.time[0]) & (channel.time <= motion.time[-1])
         self.times, poses = channel.time[inside], channel.values[inside]
@@ -243,7 +241,7 @@ class PoseProblem:
         Args:
             p: parameters (P,).
         """
-        radii = [value for value, each in zip(p, self._motion.parameters, strict=True) if each.wheels]
+        radii = [value for value, each in zip(p, self.motion.parameters, strict=True) if each.wheels]
         return bool(np.isfinite(p).all() and all(radius > 0 for radius in radii))
 
     def windows(self, start: float, end: float, duration: float) -> Windows:
@@ -255,7 +253,7 @@ class PoseProblem:
         """
         chosen = np.flatnonzero((self.times >= start) & (self.times <= end))
         times = self.times[chosen]
-        piece = np.searchsorted(self._motion.breaks, times, side="right")
+        piece = np.searchsorted(self.motion.breaks, times, side="right")
         if np.isfinite(duration):
             # It grows with time: no two windows share a number.
             piece = piece * (len(times) + 1) + np.floor((times - times[:1]) / duration).astype(int)
@@ -269,7 +267,7 @@ class PoseProblem:
         Args:
             windows: windows, each with a free first pose.
         """
-        predict = partial(self._motion.poses, times=self.times[windows.samples])
+        predict = partial(self.motion.poses, times=self.times[windows.samples])
         return WindowFit(predict, self.measured[windows.samples], windows, self._heading)
 
     def base_poses(self, times: np.ndarray) -> np.ndarray:
@@ -282,7 +280,7 @@ class PoseProblem:
         """
         inside = (times >= self.times[0]) & (times <= self.times[-1])
         at = np.stack([np.interp(times, self.times, column) for column in self.measured.T], axis=1)
-        mount = self._motion.mount
+        mount = self.motion.mount
         heading = at[:, 2] - mount[2]
         found = joined(plane(at) - np.exp(1j * heading) * complex(*mount[:2]), heading)
         found[~inside] = np.nan
@@ -337,30 +335,21 @@ def calibrated(
     model = robot.model = system.robot.model.copy()
     radii = radii_of(parameters, p)
     for value, each in zip(p, parameters, strict=True):
-        kind = each.kind
+        by = float(value - each.nominal)
         for virtual, share in each.displaced.items():
-            place, by = model.jointPlacements[robot.joint_id(virtual.joint)], share * (value - each.nominal)
-            shift = np.eye(3)["xyz".index(virtual.axis)] * by
-            model.jointPlacements[robot.joint_id(virtual.joint)] = pin.SE3(place.rotation, place.translation + shift)
-        if isinstance(kind, SensorPlace):
+            joint = robot.joint_id(virtual.joint)
+            model.jointPlacements[joint] = _moved(model.jointPlacements[joint], virtual.axis, share * by)
+        if isinstance(each.kind, SensorPlace):
             frame = model.frames[robot.frame_id(sensor)]
-            frame.placement = _moved(frame.placement, kind.axis, float(value))
-    return system.with_robot(robot, [_with_radius(kind, radii) for kind in system.kinds])
+            frame.placement = _moved(frame.placement, each.kind.axis, by)
+    return system.with_robot(robot, [with_radius(kind, radii) for kind in system.kinds])
 
 
-def _with_radius(kind: ConstraintKind, radii: Mapping[str, float]) -> ConstraintKind:
-    radius = radii.get(str(getattr(kind, "frame", "")))
-    return kind if radius is None else replace(kind, radius=radius)  # type: ignore[type-var]
-
-
-def _moved(place: pin.SE3, axis: str, value: float) -> pin.SE3:
-    """Placement with another x, y or yaw."""
+def _moved(place: pin.SE3, axis: str, by: float) -> pin.SE3:
+    """Placement that is moved along x, y or z [m], or turned about z ("yaw") [rad]."""
     if axis == "yaw":
-        now = heading_of(place.rotation)
-        return pin.SE3(pin.exp3(np.array([0.0, 0.0, value - now])) @ place.rotation, place.translation)
-    moved = place.translation.copy()
-    moved["xy".index(axis)] = value
-    return pin.SE3(place.rotation, moved)
+        return pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, by) @ place.rotation, place.translation)
+    return pin.SE3(place.rotation, place.translation + by * np.eye(3)["xyz".index(axis)])
 
 
 def _combination_name(vector: np.ndarray, names: Sequence[str]) -> str:
@@ -435,13 +424,13 @@ class Comparison(SummaryMixin):
     """Measured and predicted motion."""
 
     def _summary(self) -> ObjectSummary:
-        lines = [
+        lines: list[Line] = [
             ("whole log" if np.isinf(duration) else f"windows of {duration:g} s", [Item(str(error))])
             for duration, error in self.errors.items()
         ]
         lines += [("slip", [Item(name, f"{size:.2g} m/s") for name, size in self.slip.items()])]
-        lines += [("unused rows", [Item(name) for name in self.unused_rows])] if self.unused_rows else []
-        return ObjectSummary("Comparison", lines)
+        lines += [("unused rows", items(self.unused_rows))]
+        return ObjectSummary("Comparison", [line for line in lines if line[1]])
 
 
 def compare(system: NonholonomicSystem, log: Log, sensor: str, *, heading: bool = True) -> Comparison:
@@ -466,31 +455,26 @@ def compare(system: NonholonomicSystem, log: Log, sensor: str, *, heading: bool 
         ...     print(error)
         the log has no pose(bas); did you mean 'pose(base)'?
     """
-    channel = log.channel("pose", sensor)
-    plain = RollingMotion(system, log, (), sensor)
-    problem = PoseProblem(plain, channel, heading)
-    stated = (1.0, 10.0, 100.0)  # durations of windows whose errors are stated [s]
-    durations = [each for each in stated if each < np.ptp(problem.times)]
+    poses = log.channel("pose", sensor)  # its error before those of the joints
+    problem = PoseProblem(RollingMotion(system, log, (), sensor), poses, heading)
     errors = {}
-    for duration in (*durations, np.inf):
+    stated = (1.0, 10.0, 100.0)  # durations of windows whose errors are stated [s]
+    for duration in (*(each for each in stated if each < np.ptp(problem.times)), np.inf):
         chosen = problem.windows(-np.inf, np.inf, duration)
         if chosen.count:
             errors[duration] = problem.error(problem.nominal, chosen)
     if not errors:
         raise ConfigurationError(f"the log has no poses of '{sensor}' while its joints are measured")
-    times, slips = _slip(plain, problem)
-    sizes = {name: float(np.sqrt(np.mean(each**2))) for name, each in slips.items()}
+    slip = _slip(problem)
+    sizes = {name: float(np.sqrt(np.mean(each**2))) for name, (_, each) in slip.items()}
     rounding = 1e-12  # slip of rows that hold in any case [m/s]
-    return Comparison(
-        errors,
-        {name: size for name, size in sizes.items() if not size < rounding},
-        plain.unused,
-        _replay(plain, problem, {name: (times, each) for name, each in slips.items()}),
-    )
+    large = {name: size for name, size in sizes.items() if not size < rounding}
+    return Comparison(errors, large, problem.motion.unused, _replay(problem, slip))
 
 
-def _replay(motion: RollingMotion, problem: PoseProblem, slip: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Replay:
+def _replay(problem: PoseProblem, slip: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Replay:
     """Both paths, the predicted one from the first pose that fits best."""
+    motion = problem.motion
     chosen = problem.windows(-np.inf, np.inf, np.inf)
     times = problem.times[chosen.samples]
     fit = problem.fit(chosen).at(problem.nominal)
@@ -499,11 +483,12 @@ def _replay(motion: RollingMotion, problem: PoseProblem, slip: Mapping[str, tupl
     heading = measured[:, 2] + fit.residuals[:, 2]
     sensor = plane(problem.measured[chosen.samples]) + plane(fit.residuals)
     predicted = joined(sensor - np.exp(1j * heading) * complex(*motion.mount[:2]), heading)
-    return Replay(times, measured, predicted, motion.with_base(motion.configurations(times), predicted), slip)
+    return Replay(times, measured, predicted, motion.configurations(times, predicted), slip)
 
 
-def _slip(motion: RollingMotion, problem: PoseProblem) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Times (W,) and mean slip (W,) of the rows over windows of a second [m/s]."""
+def _slip(problem: PoseProblem) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Times (W,) and mean slip (W,) of each row over windows of a second [m/s]."""
+    motion = problem.motion
     time, slipped = motion.slip(problem.base_poses(motion.time))
     whole = np.isfinite(slipped).all(axis=1)
     window = 1.0  # duration over which slip is averaged [s]
@@ -512,11 +497,7 @@ def _slip(motion: RollingMotion, problem: PoseProblem) -> tuple[np.ndarray, dict
     period = float(np.median(np.diff(motion.time)))
     # Windows with gaps of the log say little: a fifth of the samples may be missing.
     full = count > 0.8 * window / period
-    if not full.any():
-        return np.zeros(0), {}
-    durations = count[full] * period
     middle = time[0] + (np.flatnonzero(full) + 0.5) * window
-    return middle, {
-        name: np.bincount(number[whole], column[whole], minlength=len(count))[full] / durations
-        for name, column in zip(motion.used, slipped.T, strict=True)
-    }
+    sums = [np.bincount(number[whole], column[whole], minlength=len(count))[full] for column in slipped.T]
+    means = [(middle, each / (count[full] * period)) for each in sums]
+    return dict(zip(motion.used, means, strict=True)) if full.any() else {}

@@ -67,9 +67,8 @@ class RollingMotion:
             if names.count(name) > 1:
                 raise ConfigurationError(f"the {name} is named twice")
         virtual = list(dict.fromkeys(each for parameter in self.parameters for each in parameter.displaced))
-        radii = list(dict.fromkeys(wheel for parameter in self.parameters for wheel in parameter.wheels))
         self._model = model
-        self._geometry = RowGeometry(robot, [place.block for place in system.rows.places], virtual, radii)
+        self._geometry = RowGeometry(robot, [place.block for place in system.rows.places], virtual)
         self._find_joints(log)
         self._set_time()
 
@@ -157,39 +156,25 @@ class RollingMotion:
             slopes[:, :, k] -= rates
         return Poses(base.values + joined(arm, np.full(size, mount[2])), slopes, rates)
 
-    def configurations(self, times: np.ndarray) -> np.ndarray:
+    def configurations(self, times: np.ndarray, poses: np.ndarray) -> np.ndarray:
         """Configurations (T, nq) of the robot at times (T,) [s], with parameters of the file.
 
         Unmeasured joints of rows start at zero, other joints stand still there.
 
         Args:
-            times: times (T,) [s]; outside the log, the base stands still.
+            times: times (T,) [s].
+            poses: poses (T, 3) of the base: x, y [m] and heading [rad].
         """
         positions, changes, _, _ = self._measured(self.nominal)
         whole = _Solution(self._geometry.evaluate(positions, {}, self._columns).matrix, changes).whole
-        path = RolledPath(self.time, whole[:, :3].T, {}, 0)
-        # The base stands still before and after its steps.
-        inside = np.clip(times, self.time[0], self.time[-1])
-        q = self.with_base(np.tile(pin.neutral(self._model), (len(times), 1)), path.at(inside).values)
+        q, first = np.tile(pin.neutral(self._model), (len(times), 1)), self._model.joints[1].idx_q
+        q[:, first : first + 4] = np.column_stack([poses[:, :2], np.cos(poses[:, 2]), np.sin(poses[:, 2])])
         starts = {column: _held(each, self.time[:1]) for column, each in self._joints.items()}
         joints = {joint.idx_v: SingleJoint.of(joint) for joint in self._model.joints if joint.nv == 1}
         for column, change in zip(self._columns[3:], whole[:, 3:].T, strict=True):
             position = np.concatenate([[0.0], np.cumsum(change)]) + starts.get(column, 0.0)
             joints[column].put(q, np.interp(times, self.time, position))
         return q
-
-    def with_base(self, q: np.ndarray, poses: np.ndarray) -> np.ndarray:
-        """Configurations (T, nq) with other poses (T, 3) of the base.
-
-        Args:
-            q: configurations (T, nq).
-            poses: x, y [m] and heading [rad] of the base.
-        """
-        first = self._model.joints[1].idx_q
-        found = q.copy()
-        found[:, first : first + 2] = poses[:, :2]
-        found[:, first + 2], found[:, first + 3] = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-        return found
 
     def slip(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Slip of the rows at a given motion of the base, with parameters of the file.
@@ -231,7 +216,8 @@ class RollingMotion:
 
         found = {}
         for k, parameter in enumerate(self.parameters):
-            parts = [share * effect(direction) for direction, share in parameter.shares.items()]
+            parts = [share * effect(virtual) for virtual, share in parameter.displaced.items()]
+            parts += [effect(wheel) for wheel in parameter.wheels]
             if k in d_middle:
                 column, by = d_middle[k]
                 parts.append(by[:, None] * effect(column))

@@ -10,17 +10,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias
+from dataclasses import dataclass, replace
+from typing import ClassVar, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 import pinocchio as pin
 from numpy.polynomial import chebyshev
 
+from rnc_pin.constraints.rolling_body import RollingBall
+from rnc_pin.constraints.wheels_and_blades import RollingWheel
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.lab.logs.channel import Correction
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics
-from rnc_pin.model.rows import Rows
+from rnc_pin.model.relative_rows import CouplingRow
+from rnc_pin.model.rows import ConstraintKind, Rows
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.robots.joint_values import NamedModel
 from rnc_pin.robots.robot import Robot
@@ -75,14 +78,14 @@ def extended_robot(robot: Robot, virtual: Sequence[Virtual]) -> Robot:
 class _Block:
     """Rows of one constraint."""
 
-    kind: Any
-    """Description that is bound again for each radius; None for rows with a constant matrix."""
+    kind: ConstraintKind | None
+    """Description that is bound again for each radius; None for the row of a mimic joint."""
     rows: Rows
     kept: list[int]
     """Rows in use."""
-    shape: list[int] = field(default_factory=list)
+    shape: list[int]
     """Entries of v whose positions the rows depend on."""
-    acting: set[int] = field(default_factory=set)
+    acting: set[int]
     """Entries of v in the rows."""
 
 
@@ -93,7 +96,6 @@ class RowGeometry:
         robot: the robot, on a planar base.
         blocks: its bound rows.
         virtual: displacements of joints that are parameters.
-        radii: wheels whose radius is a parameter.
 
     Attributes:
         names: names of the rows in use.
@@ -101,10 +103,10 @@ class RowGeometry:
         base: columns of the base.
 
     Raises:
-        ConfigurationError: rows depend on the place of the robot, move, or a wheel has no radius.
+        ConfigurationError: rows depend on the place of the robot, or move.
     """
 
-    def __init__(self, robot: Robot, blocks: Sequence[Rows], virtual: Sequence[Virtual], radii: Sequence[str]) -> None:
+    def __init__(self, robot: Robot, blocks: Sequence[Rows], virtual: Sequence[Virtual]) -> None:
         self._robot = extended_robot(robot, virtual)
         model = self._robot.model
         self._kinematics = Kinematics(self._robot)
@@ -112,34 +114,17 @@ class RowGeometry:
         self.columns = {name: joint.idx_v for name, joint in self._single.items()}
         self._virtual = {each: self.columns[f"virtual {k}"] for k, each in enumerate(virtual)}
         self.base = list(range(model.joints[1].idx_v, model.joints[1].idx_v + 3))
-        self._blocks = [self._bound(robot, block) for block in blocks]
-        for block in self._blocks:
-            self._check(block)
-        self._radii = {each: [b for b in self._blocks if getattr(b.kind, "frame", None) == each] for each in radii}
-        for wheel, found in self._radii.items():
-            if not found or not all(hasattr(block.kind, "radius") for block in found):
-                raise ConfigurationError(f"radius of {wheel}: no wheel or ball rolls there")
+        self._blocks = [self._bound(block) for block in blocks]
 
-    def _bound(self, robot: Robot, block: Rows) -> _Block:
-        # Rows of heights hold in any case: the base is planar.
-        kept = [k for k in range(len(block.names)) if not (block.on_ground and block.holonomic and block.holonomic[k])]
+    def _bound(self, block: Rows) -> _Block:
+        """Rows of the extended robot; refuse those that depend on the place of the base."""
+        if block.affine or block.rheonomic:
+            raise ConfigurationError(f"rows {', '.join(block.names)}: calibration assumes ground at rest")
         if block.kind is not None:
-            return _Block(block.kind, block.kind.bind(self._robot), kept)
-        matrix = getattr(block, "matrix", None)
-        if matrix is None:
-            raise ConfigurationError(f"rows {', '.join(block.names)} cannot be calibrated: they have no description")
-        wide = np.zeros((len(matrix), self._robot.nv))
-        for index, name in enumerate(robot.joint_names, start=1):
-            joint, other = robot.model.joints[index], self._robot.model.joints[self._robot.model.getJointId(name)]
-            wide[:, other.idx_v : other.idx_v + other.nv] = matrix[:, joint.idx_v : joint.idx_v + joint.nv]
-        rows = copy(block)
-        rows.matrix = wide  # type: ignore[attr-defined]
-        return _Block(None, rows, kept)
-
-    def _check(self, block: _Block) -> None:
-        """Find the joints that a block depends on; refuse rows that depend on the place of the base."""
-        if block.rows.affine or block.rows.rheonomic:
-            raise ConfigurationError(f"rows {', '.join(block.rows.names)}: calibration assumes ground at rest")
+            rows = block.kind.bind(self._robot)
+        else:
+            assert isinstance(block, CouplingRow)  # a system itself adds those of mimic joints only
+            rows = CouplingRow(self._robot, block.joint, block.driver, block.ratio, block.offset, block.names[0])
         generator = np.random.default_rng(0)
         samples = 4  # random shapes: an entry that depends on a joint does so at almost all
         positions = generator.uniform(-0.5, 0.5, size=(samples, self._robot.nv))
@@ -147,18 +132,19 @@ class RowGeometry:
         positions[:, list(self._virtual.values())] *= 1e-2
         place = self._kinematics.position(self._configurations(positions))
         silent = 1e-9  # entries of a derivative below which a row does not depend on a joint
-        block.acting = set(np.abs(block.rows.jacobian(place)).max(axis=(0, 1)).nonzero()[0].tolist())
-        for column in range(self._robot.nv):
-            slope = self._slope(block, place, np.eye(self._robot.nv)[column])
-            if column in self.base:
-                # The base's velocity is in its own axes: on level ground, rows do not depend on its place.
-                if np.abs(slope).max(initial=0.0) > silent:
-                    raise ConfigurationError(
-                        f"rows {', '.join(block.rows.names)} depend on the place of the base: "
-                        "calibration assumes rolling on level ground"
-                    )
-            elif np.abs(slope).max(initial=0.0) > silent and column not in self._virtual.values():
-                block.shape.append(column)
+        sizes = [np.abs(self._slope(rows, place, column)).max(initial=0.0) for column in range(self._robot.nv)]
+        depending = [column for column, size in enumerate(sizes) if size > silent]
+        # The base's velocity is in its own axes: on level ground, rows do not depend on its place.
+        if set(depending) & set(self.base):
+            raise ConfigurationError(
+                f"rows {', '.join(rows.names)} depend on the place of the base: calibration assumes rolling on level "
+                "ground"
+            )
+        # Rows of heights hold in any case: the base is planar.
+        kept = [k for k in range(len(rows.names)) if not (rows.on_ground and rows.holonomic and rows.holonomic[k])]
+        shape = [column for column in depending if column not in self._virtual.values()]
+        acting = set(np.abs(rows.jacobian(place)).max(axis=(0, 1)).nonzero()[0].tolist())
+        return _Block(block.kind, rows, kept, shape, acting)
 
     def drop(self, unmeasured: Sequence[int]) -> tuple[str, ...]:
         """Leave out rows that depend on positions of unmeasured joints, or act on nothing else; return their names.
@@ -194,11 +180,9 @@ class RowGeometry:
         Args:
             radii: radius of each wheel [m], by frame.
         """
-        for wheel, radius in radii.items():
-            for block in self._radii[wheel]:
-                if block.kind.radius != radius:
-                    block.kind = replace(block.kind, radius=radius)
-                    block.rows = block.kind.bind(self._robot)
+        for block in self._blocks:
+            if block.kind is not None and (kind := with_radius(block.kind, radii)) is not block.kind:
+                block.kind, block.rows = kind, kind.bind(self._robot)
 
     def evaluate(
         self, positions: Mapping[int, np.ndarray], shifts: Mapping[Virtual, float], columns: Sequence[int]
@@ -231,17 +215,19 @@ class RowGeometry:
             place: kinematics at S states.
             direction: column of a joint, displacement of a joint, or frame of a wheel, for its radius.
         """
-        if isinstance(direction, str) and block in self._radii[direction]:
+        if isinstance(direction, Virtual):
+            return self._slope(block.rows, place, self._virtual[direction])
+        if isinstance(direction, int) and direction in block.shape:
+            return self._slope(block.rows, place, direction)
+        if isinstance(block.kind, RollingWheel | RollingBall) and block.kind.frame == direction:
             # Rows are affine in the radius: the difference for one metre is the derivative, exactly.
             larger = replace(block.kind, radius=block.kind.radius + 1.0).bind(self._robot)
             return np.asarray(larger.jacobian(place) - block.rows.jacobian(place))
-        if isinstance(direction, str) or (isinstance(direction, int) and direction not in block.shape):
-            return np.zeros((1, len(block.rows.names), self._robot.nv))
-        column = direction if isinstance(direction, int) else self._virtual[direction]
-        return self._slope(block, place, np.eye(self._robot.nv)[column])
+        return np.zeros((1, len(block.rows.names), self._robot.nv))
 
-    def _slope(self, block: _Block, place: PositionKinematics, direction: np.ndarray) -> np.ndarray:
-        return block.rows.jacobian_dot(place.with_velocity(np.broadcast_to(direction, (len(place.q), self._robot.nv))))
+    def _slope(self, rows: Rows, place: PositionKinematics, column: int) -> np.ndarray:
+        """Derivative (S, k, n) of rows along an entry of v."""
+        return rows.jacobian_dot(place.with_velocity(np.tile(np.eye(self._robot.nv)[column], (len(place.q), 1))))
 
     def _configurations(self, positions: np.ndarray) -> np.ndarray:
         """Configurations (N, nq) of positions (N, n) of single joints, with the base at its origin."""
@@ -501,12 +487,6 @@ class UnknownNumber(NamedTuple):
         """Joint whose measurement it corrects; None for other parameters."""
         return getattr(self.kind, "joint", getattr(self.kind, "of", None))
 
-    @property
-    def shares(self) -> Mapping[Virtual | str, float]:
-        """Displacements of joints, and changes of the radii of wheels, for a unit of the parameter."""
-        found: dict[Virtual | str, float] = dict(self.displaced.items())
-        return found | dict.fromkeys(self.wheels, 1.0)
-
 
 def radii_of(parameters: Sequence[UnknownNumber], p: np.ndarray) -> dict[str, float]:
     """Radius of each wheel that parameters p (P,) concern; a second parameter of a wheel adds its change.
@@ -520,6 +500,18 @@ def radii_of(parameters: Sequence[UnknownNumber], p: np.ndarray) -> dict[str, fl
         for wheel in each.wheels:
             radii[wheel] = float(radii[wheel] + value - each.nominal if wheel in radii else value)
     return radii
+
+
+def with_radius(kind: ConstraintKind, radii: Mapping[str, float]) -> ConstraintKind:
+    """The constraint of a wheel or ball with another radius; other constraints as they are.
+
+    Args:
+        kind: the constraint.
+        radii: new radii by frame [m].
+    """
+    if isinstance(kind, RollingWheel | RollingBall) and kind.frame in radii:
+        return replace(kind, radius=radii[kind.frame])
+    return kind
 
 
 def number_of(kind: Unknown, system: NonholonomicSystem, mount: np.ndarray) -> UnknownNumber:
@@ -538,15 +530,13 @@ def number_of(kind: Unknown, system: NonholonomicSystem, mount: np.ndarray) -> U
     # Size of the robot; a metre for one whose joints all sit at their bodies.
     length = max(distances or [1.0]) or 1.0
     if isinstance(kind, WheelRadius):
-        sizes = [getattr(each, "radius", None) for each in system.kinds
-                 if getattr(each, "frame", None) in kind.frames]  # fmt: skip
+        radii = {each.frame: each.radius for each in system.kinds if isinstance(each, RollingWheel | RollingBall)}
         for wheel in kind.frames:
             robot.frame_id(wheel)
-        radii = [size for size in sizes if size is not None]
-        if not radii:
-            raise ConfigurationError(f"{kind.name}: no wheel or ball rolls there")
+            if wheel not in radii:
+                raise ConfigurationError(f"radius of {wheel}: no wheel or ball rolls there")
         # The file may state another radius for each wheel of a common one.
-        nominal = float(np.mean(radii))
+        nominal = float(np.mean([radii[wheel] for wheel in kind.frames]))
         return UnknownNumber(kind, kind.name, "m", nominal, nominal, {}, kind.frames)
     if isinstance(kind, JointShift):
         for joint in kind.shares:

@@ -175,31 +175,6 @@ def _first_poses(poses: Array, measured: Array, windows: Windows, w: Array) -> t
     return turn, means[1] - np.exp(1j * turn) * means[0]
 
 
-def weighted(fit: Fit, heading: bool, previous: Array | None = None) -> Fit:
-    """The fit with standard deviations from the medians of its residuals, and the weights that follow (Huber).
-
-    Previous deviations (2,) stay if the new ones hardly differ. Medians jump from step to step. A cost that follows
-    them has no minimum along a combination of parameters that the log hardly shows.
-
-    Args:
-        fit: the fit.
-        heading: True if headings are measured.
-        previous: standard deviations (2,) of the last step.
-    """
-    length, angle = fit.sizes
-    normal, rayleigh = 1.4826, 0.8493  # standard deviation over the median of |x|, and of the length of a plane vector
-    floor = 1e-9  # smallest standard deviation [m, rad]: rounding of a log without noise
-    deviations = np.maximum([rayleigh * np.median(length), normal * np.median(angle)], floor)
-    if not heading:
-        deviations[1] = 1.0
-    alike = 0.05  # relative change of standard deviations that keeps them
-    if previous is not None and (np.abs(deviations - previous) < alike * previous).all():
-        deviations = previous
-    with np.errstate(divide="ignore"):
-        limits = [_POSITION * deviations[0] / length, _HEADING * deviations[1] / angle]
-    return Fit(fit.residuals, fit.jacobian, np.minimum(np.stack(limits, axis=1), 1.0), deviations)
-
-
 def cost(fit: Fit, deviations: Array) -> float:
     """Huber's cost of a fit for standard deviations (2,).
 
@@ -258,16 +233,15 @@ class WindowFit:
             p: parameters (P,).
         """
         poses, slopes, _ = self._predict(p)
-        return self._settled(poses, slopes, self._aligned(poses, slopes[:, :, :0], None))
+        equal = self._aligned(poses, slopes[:, :, :0], np.ones((len(poses), 2)), np.ones(2))
+        return self._settled(poses, slopes, equal)
 
-    def _aligned(self, poses: Array, slopes: Array, previous: Fit | None) -> Fit:
-        """Fit of predicted poses (M, 3) and their derivatives (M, 3, P), for the weights of the previous fit.
+    def _aligned(self, poses: Array, slopes: Array, weights: Array, deviations: Array) -> Fit:
+        """Fit of predicted poses (M, 3) and their derivatives (M, 3, P), for weights (M, 2) and deviations (2,).
 
-        Without one, weights are equal. Each window has the first pose that is best for these weights.
+        Each window has the first pose that is best for these weights.
         """
         measured, windows, at = self._measured, self._windows, self._windows.number
-        deviations = np.ones(2) if previous is None else previous.deviations
-        weights = np.ones((len(poses), 2)) if previous is None else previous.weights
         w = weights / deviations**2 * [1.0, float(self._heading)]
         turn, shift = _first_poses(poses, measured, windows, w)
         turned, of_place, of_heading = np.exp(1j * turn)[at], w[:, :1], w[:, 1:]
@@ -291,12 +265,27 @@ class WindowFit:
         return Fit(residuals, np.stack([change.real, change.imag, rates]).swapaxes(0, 1), weights, deviations)
 
     def _settled(self, poses: Array, slopes: Array, fit: Fit, previous: Array | None = None) -> Fit:
-        """The fit with first poses that are best for the weights of its residuals.
+        """The fit with standard deviations from the medians of its residuals, and the weights that follow (Huber).
 
-        Derivatives follow the first poses for these weights too; else parameters that are hardly told from a first
-        pose, such as the heading of the sensor, would make steps that overshoot.
+        Previous deviations (2,) stay if the new ones hardly differ. Medians jump from step to step. A cost that follows
+        them has no minimum along a combination of parameters that the log hardly shows.
+
+        First poses are the best ones for these weights. Derivatives follow them too; else parameters that are hardly
+        told from a first pose, such as the heading of the sensor, would make steps that overshoot.
         """
-        return self._aligned(poses, slopes, weighted(fit, self._heading, previous))
+        length, angle = fit.sizes
+        normal, rayleigh = 1.4826, 0.8493  # standard deviation over the median of |x|, and of a plane vector's length
+        floor = 1e-9  # smallest standard deviation [m, rad]: rounding of a log without noise
+        deviations = np.maximum([rayleigh * np.median(length), normal * np.median(angle)], floor)
+        if not self._heading:
+            deviations[1] = 1.0
+        alike = 0.05  # relative change of standard deviations that keeps them
+        if previous is not None and (np.abs(deviations - previous) < alike * previous).all():
+            deviations = previous
+        with np.errstate(divide="ignore"):
+            limits = [_POSITION * deviations[0] / length, _HEADING * deviations[1] / angle]
+        weights = np.minimum(np.stack(limits, axis=1), 1.0)
+        return self._aligned(poses, slopes, weights, deviations)
 
     def minimized(
         self, p: Array, scales: Array, valid: Callable[[Array], bool], precision: float, prior: float
@@ -333,7 +322,7 @@ class WindowFit:
                 other = p + scales * step
                 if valid(other):
                     poses, slopes, _ = self._predict(other)
-                    found = self._aligned(poses, slopes[:, :, :0], fit)
+                    found = self._aligned(poses, slopes[:, :, :0], fit.weights, fit.deviations)
                     # Rounding of the cost may not refuse the last steps.
                     if total(found, other) <= before * (1 + 1e-12):
                         break

@@ -16,7 +16,7 @@ import pinocchio as pin
 from numpy import ndarray as Array
 from scipy.spatial.transform import Rotation
 
-from rnc_pin.errors import ConfigurationError, InputError, RncError, check_unique, nearest
+from rnc_pin.errors import ConfigurationError, RncError, check_unique, nearest
 from rnc_pin.io.json import Json
 from rnc_pin.io.safe_npz import ArchiveError, read_npz
 from rnc_pin.io.safe_read import open_regular
@@ -201,9 +201,8 @@ def _corrected(channel: Channel, by: Correction | None) -> Channel:
 
 
 def _described(channel: Channel) -> list[Item]:
-    gaps = len(channel.gaps)
-    notes = [*channel.repairs, *([counted(gaps, "gap")] if gaps else [])]
-    return [Item(counted(len(channel.time), "sample"), f"{channel.period:.3g} s"), *map(Item, notes)]
+    found = [Item(counted(len(channel.time), "sample"), f"{channel.period:.3g} s"), *map(Item, channel.repairs)]
+    return [*found, Item(counted(len(channel.gaps), "gap"))] if len(channel.gaps) else found
 
 
 # ---------------------------------------------------------------------- tables
@@ -232,8 +231,8 @@ def unwrapped(counts: Array, span: float, what: str = "encoder") -> Array:
     low, high = float(np.min(counts)), float(np.max(counts))
     if high - low > span:
         raise ConfigurationError(f"{what}: counts from {low:g} to {high:g} do not wrap after {span:g}")
-    steps = np.diff(counts.astype(float))
-    steps -= span * np.round(steps / span)
+    continuous = np.unwrap(counts.astype(float), period=span)
+    steps = np.diff(continuous)
     most = 0.4  # largest step as a fraction of the range; near one half, its direction is not known
     if len(steps) and np.abs(steps).max() > most * span:
         place = int(np.argmax(np.abs(steps)))
@@ -241,9 +240,7 @@ def unwrapped(counts: Array, span: float, what: str = "encoder") -> Array:
             f"{what}: step {place + 1} is {steps[place]:g} of {span:g} counts, so that its direction is not known; "
             f"expected at most {most:g} of the range between two samples"
         )
-    first = float(counts[0])
-    first -= span * np.round(first / span)
-    return np.asarray(first + np.concatenate([[0.0], np.cumsum(steps)]))
+    return np.asarray(continuous - span * np.round(continuous[0] / span))
 
 
 def read_table(path: Path, mapping: LogMapping) -> Iterator[Channel]:
