@@ -54,15 +54,15 @@ class ContactForceSet:
         self._rows = reduced.all_constraints.size
         # Loads without a row follow from the balance of the whole robot on the plane: they are unknowns of their own.
         self._by_motion = ~self.normal.carried_by_row
-        places = {each.point: number for number, each in enumerate(self.normal.contacts)}
-        self._places = [places.get(each.point) for each in self.contacts]
 
     @cached_property
     def selection(self) -> Float[Array, "m k y"]:
         """Selection of the components of each contact among the unknowns y: upward, then along the ground."""
         axles = sum(contact.up is None for contact in self.normal.contacts)
         out = np.zeros((len(self.contacts), self.size, self._rows + int(self._by_motion.sum()) + axles))
-        for number, (contact, place) in enumerate(zip(self.contacts, self._places, strict=True)):
+        places = {each.point: place for place, each in enumerate(self.normal.contacts)}
+        for number, contact in enumerate(self.contacts):
+            place = places.get(contact.point)
             for component, row in enumerate(contact.along, 1):
                 out[number, component, row] = 1.0
             if place is not None and self._by_motion[place]:
@@ -108,8 +108,7 @@ class ContactForceSet:
         needed, v_dot = state.forced_motion(T) if rows.size else (np.zeros((len(T), 0)), state.acceleration(T))
         if lines is None or kept is None:
             return effects, needed
-        q, v = (np.broadcast_to(each, (len(T), each.shape[-1])) for each in (state.q, state.v))
-        balance = self.normal.plane_needs(lines, q, v, v_dot, T)
+        balance = self.normal.plane_needs(lines, np.atleast_2d(state.q), np.atleast_2d(state.v), v_dot, T)
         return effects, np.concatenate([needed, np.matvec(kept, balance)], axis=1)
 
     def balanced_part(self, gives: Float[Array, "N 3 c"], couples: Float[Array, "N 3 u"]) -> Float[Array, "N e 3"]:

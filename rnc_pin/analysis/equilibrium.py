@@ -22,9 +22,9 @@ import scipy
 from rnc_pin.analysis.derivatives import StateDerivatives, state_derivatives
 from rnc_pin.analysis.lie_brackets import frame_bracket
 from rnc_pin.array_shapes import Array, Float
-from rnc_pin.errors import ConstraintError, InputError, ModelError, SingularityError, place_of
+from rnc_pin.errors import ConstraintError, ModelError, SingularityError, place_of
 from rnc_pin.math.linear_algebra import null_space
-from rnc_pin.model.input_validation import admit_numbers, vector
+from rnc_pin.model.input_validation import ConfigurationValidator, vector
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import printed
@@ -109,11 +109,8 @@ def equilibrium(
         >>> round(robot.joint_values(turning.q)["pitch"], 3)  # weight and centrifugal force balance
         2.125
     """
-    q = admit_numbers(guess, "guess")
+    q = ConfigurationValidator(reduced.robot).validate_one(guess, "guess")
     given, open_rates = _velocities(reduced, v2)
-    _ = reduced.at(q)  # raises an error for an invalid configuration
-    if q.ndim > 1:
-        raise InputError(f"the guess has shape {q.shape}, expected one configuration ({reduced.robot.nq},)")
     moves = reduced.affine or bool(given.any()) or bool(open_rates.any())
     # At rest every configuration is a candidate; symmetries cost derivatives at several states.
     symmetries = find_symmetries(reduced, q, cyclic) if moves else None
@@ -182,13 +179,16 @@ class _Search:
             self._size += float(b @ b)
 
     def any_near(self) -> _Point:
-        """Return an equilibrium near the guess, by Newton steps of least norm."""
+        """Return an equilibrium near the guess, by Newton steps of least norm, halved until the residual decreases."""
         here = self._at(self._guess, self._v2)
         for _ in range(_STEPS):
             # Further than accepted: a Newton step costs little, and linearizations build on the result.
             if self._rests(here, _STILL):
                 return here
-            ahead = self._ahead(here)
+            step = self._limited(self._newton(here)[0])
+            halvings = 12  # a step that improves nothing at 1/4096 of its length points the wrong way
+            tried = (self._after(here, 0.5**k * step) for k in range(halvings))
+            ahead = next((each for each in tried if each.left < here.left), None)
             if ahead is None:
                 break
             here = ahead
@@ -212,17 +212,6 @@ class _Search:
             changes = f"the rate of '{name}' changes by {here.v2_dot[worst]:.3g} a second"
         return ConstraintError(f"no {kind} found near the guess: at best " + changes + apart)
 
-    def _ahead(self, here: _Point) -> _Point | None:
-        """Return the point after Newton's step, halved until the residual decreases; None if it never does."""
-        step = self._limited(self._newton(here)[0])
-        halvings = 12  # a step that improves nothing at 1/4096 of its length points the wrong way
-        for _ in range(halvings):
-            ahead = self._after(here, step)
-            if ahead.left < here.left:
-                return ahead
-            step = 0.5 * step
-        return None
-
     def back_towards_the_guess(self, found: _Point) -> _Point:
         """Return the equilibrium nearest to the guess on the same branch; ``found`` itself if the way is blocked."""
         here = found
@@ -234,7 +223,8 @@ class _Search:
                 break
             here = self._after(here, step)
         # The way back may leave the branch: the result counts only if it rests and is nearer.
-        return here if self._rests(here) and self._distance(here) < self._distance(found) else found
+        is_nearer = np.linalg.norm(self._away(here)) < np.linalg.norm(self._away(found))
+        return here if is_nearer and self._rests(here) else found
 
     def _after(self, here: _Point, step: Array) -> _Point:
         n, v2 = self._reduced.n, here.v2.copy()
@@ -244,9 +234,6 @@ class _Search:
     def _away(self, point: _Point) -> Array:
         """Difference from the guess, in q and in the unknown rates."""
         return np.concatenate([pin.difference(self._model, self._guess, point.q), (point.v2 - self._v2)[self._open]])
-
-    def _distance(self, point: _Point) -> float:
-        return float(np.linalg.norm(self._away(point)))
 
     def _rests(self, point: _Point, still: float = _GOOD) -> bool:
         kept = still if self._symmetries is None or still < _GOOD else _ROUNDED
@@ -337,17 +324,13 @@ class Symmetries:
     Args:
         reduced: the model.
         twists: motions of the whole robot, (6, k) in the world [m/s, rad/s].
-        joints: rates of joints in their own axes, (nv, s - k).
-
-    Attributes:
-        size: number of symmetries, s.
+        joints: rates of joints in their own axes, (nv, s - k); there are s symmetries.
     """
 
     def __init__(self, reduced: ReducedModel, twists: np.ndarray, joints: np.ndarray) -> None:
         self._model = reduced.robot.model
         self._data = self._model.createData()
         self._twists, self._joints = twists, joints
-        self.size = twists.shape[1] + joints.shape[1]
 
     def coefficients(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return the least-squares coefficients (s,) of the symmetries in a velocity (nv,).

@@ -297,8 +297,6 @@ class NormalForces:
         """
         batch = state.q.shape[:-1]
         forces = np.zeros((*batch, len(self.contacts)))
-        if not self.contacts:
-            return forces
         if self.carried_by_row.any():
             forces[..., self.carried_by_row] = self._of_rows(state.contact_forces(T, external), state.all_rows)
         if not self.carried_by_row.all():
@@ -384,14 +382,14 @@ class NormalForces:
 
         Args:
             lines: lines of action at the configurations, or at the one configuration of all.
-            q, v, v_dot, T: configurations (N, nq), velocities and accelerations (N, nv), inputs (N, p).
+            q, v: configurations (N, nq) and velocities (N, nv); or those (1, ...) of one state for all accelerations.
+            v_dot, T: accelerations (N, nv) and inputs (N, p).
         """
-        if len(lines.points) == 1 < len(T):
-            wrenches = self._needed_at_one_state(q[0], v[0], v_dot, T)
-        else:
-            wrenches = np.array([self._needed(*each) for each in zip(q, v, v_dot, T, strict=True)]).reshape(-1, 6)
+        parts = [slice(None)] if len(q) == 1 else [slice(k, k + 1) for k in range(len(q))]
+        found = [self._needed(q[k], v[k], v_dot[part], T[part]) for k, part in enumerate(parts)]
+        wrenches = np.concatenate([np.zeros((0, 6)), *found])
         if self._wrenches is not None:
-            wrenches -= self._wrenches.at(q[: len(lines.points)], v[: len(lines.points)])
+            wrenches -= self._wrenches.at(q, v)
         ground = lines.points[..., 2].min(axis=1)
         force, moment = wrenches[:, :3], wrenches[:, 3:]
         return np.stack([force[:, 2], moment[:, 0] + ground * force[:, 1], moment[:, 1] - ground * force[:, 0]], axis=1)
@@ -408,29 +406,22 @@ class NormalForces:
         return ContactLines(points, across) if points.ndim == 3 else ContactLines(points[None], across[None])
 
     def _needed(self, q: Array, v: Array, v_dot: Array, T: Array) -> Array:
-        """Force and moment about the origin that gravity and actuators on frames leave to the others."""
-        model, data = self._model, self._data
-        pin.rnea(model, data, q, v, v_dot)
-        if self._reduced.actuation.frames:
-            pin.framesForwardKinematics(model, data, q)
-        total = pin.Force.Zero()
-        for joint in self._roots:
-            total += data.liMi[joint].act(data.f[joint])  # their parent is the world
-        for column, frame, row in self._reduced.actuation.frames:
-            total -= data.oMf[frame].act(pin.Force(T[column] * np.eye(6)[row]))
-        return np.asarray(total.vector)
+        """Forces and moments (N, 6) about the origin that gravity and actuators on frames leave to the others.
 
-    def _needed_at_one_state(self, q: Array, v: Array, v_dot: Array, T: Array) -> Array:
-        """Forces and moments (N, 6) of ``_needed``, which are affine in accelerations and inputs."""
+        At one state, they are affine in accelerations (N, nv) and inputs (N, p).
+        """
         model, data = self._model, self._data
-        first = self._needed(q, v, v_dot[0], T[0])
-        # One call instead of one for each input: the centroidal map is linear in the accelerations.
+        pin.rnea(model, data, q, v, np.zeros(model.nv))
+        without = pin.Force.Zero()  # acceleration
+        for joint in self._roots:
+            without += data.liMi[joint].act(data.f[joint])  # their parent is the world
         pin.computeCentroidalMap(model, data, q)
-        change = (v_dot - v_dot[0]) @ data.Ag.T
-        change[:, 3:] -= change[:, :3] @ pin.skew(data.com[0])  # moments about the origin
+        found = v_dot @ data.Ag.T
+        found[:, 3:] -= found[:, :3] @ pin.skew(data.com[0])  # moments about the origin
         for column, frame, row in self._reduced.actuation.frames:
-            change -= np.outer(T[:, column] - T[0, column], data.oMf[frame].act(pin.Force(np.eye(6)[row])).vector)
-        return np.asarray(first + change)
+            placement = pin.updateFramePlacement(model, data, frame)
+            found -= np.outer(T[:, column], placement.act(pin.Force(np.eye(6)[row])).vector)
+        return np.asarray(without.vector + found)
 
 
 def balanced(

@@ -319,7 +319,7 @@ def test_how_symmetries_vary_is_exact(make):
     q = upright() if reduced is bicycle() else reduced.robot.configuration({})
     generator, found = np.random.default_rng(3), find_symmetries(reduced, q)
     q = pin.integrate(reduced.robot.model, q, 0.4 * generator.normal(size=reduced.n))
-    coefficients = generator.normal(size=found.size)
+    coefficients = generator.normal(size=found.directions(q).shape[1])
     expected = gradient(reduced.robot.model, lambda p: found.directions(p) @ coefficients, q)
     np.testing.assert_allclose(found.gradient(q, coefficients), expected, atol=1e-9)
 
