@@ -144,7 +144,7 @@ def filtration(reduced: ReducedModel, q: np.ndarray, deepest: int = DEEPEST) -> 
         q: a configuration (nq,).
         deepest: largest number of levels after the first brackets.
     """
-    if not isinstance(deepest, int | np.integer) or deepest < 1:
+    if not is_count(deepest, 1):
         raise InputError(f"deepest: expected a positive integer, found {deepest!r}")
     found = grow(reduced, q, _generic_dimension(reduced, q), int(deepest))
     if found.cut:

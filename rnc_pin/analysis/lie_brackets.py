@@ -241,7 +241,7 @@ def _coefficients(values: Callable[[np.ndarray], np.ndarray], order: int, time: 
     degree = order + spare
     # More nodes than coefficients: the fit averages rounding errors.
     count = ceil(1.25 * (degree + 1))
-    nodes = np.cos((2 * np.arange(count) + 1) * np.pi / (2 * count))
+    nodes = chebyshev.chebpts1(count)
     fitted = values(time * nodes)
     # Fits of two degrees from the same values: their difference shows what the truncation costs.
     return Jets(*(_fit(nodes, fitted, each)[: order + 1] for each in (degree, degree - 2)))
@@ -259,10 +259,7 @@ def _gauss_legendre(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _fit(nodes: np.ndarray, values: np.ndarray, degree: int) -> np.ndarray:
     """Coefficients (degree + 1, ...) of powers, from values (nodes, ...) at Chebyshev nodes of [-1, 1]."""
-    basis = chebyshev.chebvander(nodes, degree)
-    weights = np.full(degree + 1, 2.0 / len(nodes))
-    weights[0] /= 2  # the columns are orthogonal
-    series = weights[:, None] * (basis.T @ values.reshape(len(nodes), -1))
+    series = chebyshev.chebfit(nodes, values.reshape(len(nodes), -1), degree)
     powers = np.zeros((degree + 1, degree + 1))
     for k in range(degree + 1):
         powers[: k + 1, k] = chebyshev.cheb2poly(np.eye(degree + 1)[k, : k + 1])

@@ -28,14 +28,15 @@ from rnc_pin.analysis.lie_brackets import PIECES, BracketJets
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, InputError
 from rnc_pin.model.coordinates import PlacementChart
+from rnc_pin.model.input_validation import ConfigurationValidator
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import ReprMixin
 
 _SPAN = 1e-7  # singular value of unit vectors below which they are dependent
 _ACCURATE = 1e-11  # error of coefficients that ends the search for a better flow time
 
-Polynomial = tuple[Array, Array]
-"""Powers (k, c) of the coordinates and coefficients (k,)."""
+Polynomial = dict[tuple[int, ...], float]
+"""Coefficients by the powers (c,) of the coordinates."""
 
 
 class PrivilegedCoordinates(ReprMixin):
@@ -90,10 +91,9 @@ class PrivilegedCoordinates(ReprMixin):
         return len(self.weights)
 
     @property
-    def polynomials(self) -> tuple[dict[tuple[int, ...], float], ...]:
+    def polynomials(self) -> tuple[Polynomial, ...]:
         """Polynomial of each coordinate: coefficients by the powers of the coordinates."""
-        terms = (zip(*each, strict=True) for each in self._polynomials)
-        return tuple({tuple(map(int, p)): float(value) for p, value in each} for each in terms)
+        return self._polynomials
 
     def values(self, q: ArrayLike) -> Float[Array, "*n c"]:
         """Coordinates z of configurations (..., nq).
@@ -101,8 +101,7 @@ class PrivilegedCoordinates(ReprMixin):
         Args:
             q: configurations near the center.
         """
-        z, _ = self._evaluated(self._stack(q), False)
-        return z.reshape(*np.shape(q)[:-1], self.size)
+        return self.evaluate(q)[0]
 
     def jacobian(self, q: ArrayLike) -> Float[Array, "*n c nv"]:
         """Derivatives of z along tangent vectors at configurations (..., nq).
@@ -110,9 +109,7 @@ class PrivilegedCoordinates(ReprMixin):
         Args:
             q: configurations near the center.
         """
-        _, slopes = self._evaluated(self._stack(q), True)
-        assert slopes is not None
-        return slopes.reshape(*np.shape(q)[:-1], *slopes.shape[1:])
+        return self.evaluate(q)[1]
 
     def norm(self, q: ArrayLike) -> Float[Array, "*n"]:
         """Homogeneous norms, sums of ``|z_i|^(1 / w_i)``: within constant factors, the lengths of shortest motions.
@@ -122,27 +119,28 @@ class PrivilegedCoordinates(ReprMixin):
         """
         return np.asarray((np.abs(self.values(q)) ** (1.0 / np.array(self.weights))).sum(axis=-1))
 
-    def _stack(self, q: ArrayLike) -> Array:
+    def evaluate(self, q: ArrayLike) -> tuple[Float[Array, "*n c"], Float[Array, "*n c nv"]]:
+        """Coordinates z of configurations (..., nq), and their derivatives along tangent vectors.
+
+        Args:
+            q: configurations near the center.
+        """
         array = np.asarray(q, dtype=float)
         if array.shape[-1:] != self.q.shape or not np.isfinite(array).all():
             raise InputError(f"q: expected finite configurations (..., {len(self.q)}), found shape {array.shape}")
-        return array.reshape(-1, len(self.q))
-
-    def _evaluated(self, q: Array, derivatives: bool) -> tuple[Array, Array | None]:
-        z = self.chart.coordinates(q) @ self.linear.T
-        slopes = self.linear @ self.chart.jacobian(q) if derivatives else None
+        flat = array.reshape(-1, len(self.q))
+        z, slopes = self.chart.coordinates(flat) @ self.linear.T, self.linear @ self.chart.jacobian(flat)
         # In the order of the weights: each polynomial has coordinates that are corrected already.
-        for j, (powers, coefficients) in enumerate(self._polynomials):
+        for j, polynomial in enumerate(self._polynomials):
             lower = z.copy()
-            for power, coefficient in zip(powers, coefficients, strict=True):
-                z[:, j] += coefficient * np.prod(lower**power, axis=1)
-                if slopes is None:
-                    continue
-                for i in np.flatnonzero(power):
-                    rest = power - (np.arange(self.size) == i)
-                    slope = coefficient * power[i] * np.prod(lower**rest, axis=1)
+            for powers, coefficient in polynomial.items():
+                z[:, j] += coefficient * np.prod(lower**powers, axis=1)
+                for i in np.flatnonzero(powers):
+                    rest = powers - 1 * (np.arange(self.size) == i)
+                    slope = coefficient * powers[i] * np.prod(lower**rest, axis=1)
                     slopes[:, j] += slope[:, None] * slopes[:, i]
-        return z, slopes
+        batch = array.shape[:-1]
+        return z.reshape(*batch, self.size), slopes.reshape(*batch, *slopes.shape[1:])
 
 
 def privileged_coordinates(
@@ -179,10 +177,7 @@ def privileged_coordinates(
         0.2
     """
     _refuse_affine(reduced)
-    state = reduced.at(q)
-    if state.q.ndim != 1:
-        raise InputError(f"q: expected one configuration, found shape {state.q.shape}")
-    center = np.array(state.q)
+    center = ConfigurationValidator(reduced.robot).validate_one(q)
     kept = _kept(reduced, center, ignored)
     growth = filtration(reduced, center)
     # The weights follow from the growth vector: an uncertain one gives coordinates of another order.
@@ -266,10 +261,9 @@ def _corrected(
     jets: BracketJets, linear: Array, weights: Sequence[int], kept: Array
 ) -> tuple[Array, list[Polynomial], float]:
     """Linear parts without rounding errors, polynomials, and the error of their coefficients."""
-    c, deepest = len(weights), max(weights)
-    none = np.empty((0, c), dtype=int), np.empty(0)
+    deepest = max(weights)
     if deepest == 1:
-        return linear, [none] * c, 0.0
+        return linear, [{} for _ in weights], 0.0
     powers = [_monomials(weights, degree) for degree in range(deepest)]
     spare = 6  # flows above the number of coefficients: least squares averages their errors
     count, pieces = max(map(len, powers)) + spare, max(PIECES, len(kept))
@@ -341,7 +335,7 @@ def _sorted(
             if power.sum() == 1:
                 linear[j] += value * linear[int(power.argmax())]
         chosen = (of.sum(axis=1) > 1) & (np.abs(coefficients) > max(noise * error, _ACCURATE))
-        polynomials.append((of[chosen], coefficients[chosen]))
+        polynomials.append(dict(zip(map(tuple, of[chosen].tolist()), coefficients[chosen].tolist(), strict=True)))
     linear[np.abs(linear) < max(noise * error, _ACCURATE)] = 0.0
     return linear, polynomials
 

@@ -268,14 +268,15 @@ class SetPointBound(BoundCost):
         the goal no term below the weights changes, and S grows faster than any polynomial.
         """
         coordinates = self._coordinates
+        z, z_q = coordinates.evaluate(q)
         if not self._curved:
-            return coordinates.values(q), coordinates.jacobian(q)
-        linear, z = coordinates.chart.coordinates(q) @ coordinates.linear.T, coordinates.values(q)
+            return z, z_q
+        linear = coordinates.chart.coordinates(q) @ coordinates.linear.T
         size, power = np.abs(linear), 2 * self._powers
         share = 1.0 / (1.0 + (size**power).sum(axis=1, keepdims=True))
         bent = z - linear
         linear_q = coordinates.linear @ coordinates.chart.jacobian(q)
-        bent_q = coordinates.jacobian(q) - linear_q
+        bent_q = z_q - linear_q
         growth = np.einsum("nk,nkv->nv", power * np.sign(linear) * size ** (power - 1), linear_q)
         share_q = -(share**2) * growth
         return linear + share * bent, linear_q + share[:, :, None] * bent_q + bent[:, :, None] * share_q[:, None]
