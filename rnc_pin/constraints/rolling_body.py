@@ -12,21 +12,24 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin._kernel.kernel_rows import Form, KernelRow, attached, wrench_rows
-from rnc_pin.constraints.ground_plane import GroundPlane, admit_plane, on_carrier
 from rnc_pin.constraints.surfaces import (
     BodyShape,
     CurvedGround,
     CylindricalGround,
+    GroundPlane,
     Sphere,
     SphericalGround,
     admit_ground,
+    admit_plane,
+    check_positive,
+    on_carrier,
     scalar_product,
     support_numbers,
 )
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import Component, Entry, apply, components, cross, dot, vector_product
 from rnc_pin.model.frame_rows import FLAT, ConstantWrenchRows, WrenchRows, evaluated, point_name, rate_of, triple
-from rnc_pin.model.input_validation import NotNegative, Positive, Vector, is_number
+from rnc_pin.model.input_validation import NotNegative, Positive, Vector
 from rnc_pin.model.kinematics import Placement, PositionKinematics
 from rnc_pin.model.rows import GroundContact, Rows, check_defined
 from rnc_pin.robots.robot import Robot
@@ -456,8 +459,7 @@ class RollingBall:
     ground: GroundPlane | CurvedGround | None = None
 
     def bind(self, robot: Robot) -> Rows:
-        if not (is_number(self.radius) and self.radius > 0):
-            raise ConstraintError(f"radius of ball '{self.frame}' has to be positive, found {self.radius!r}")
+        check_positive(f"radius of ball '{self.frame}'", self.radius)
         if self.ground is None or isinstance(self.ground, GroundPlane):
             rows = _BallRows(self.frame, self.radius, _PARTS[:3], self.ground or GroundPlane(), robot)
             return on_carrier(rows, self.frame, self.ground, robot)
@@ -495,8 +497,7 @@ class Caster:
     ground: GroundPlane | None = None
 
     def bind(self, robot: Robot) -> Rows:
-        if not (is_number(self.radius) and self.radius >= 0):
-            raise ConstraintError(f"radius of caster '{self.frame}' has to be zero or positive, found {self.radius!r}")
+        check_positive(f"radius of caster '{self.frame}'", self.radius, or_zero=True)
         plane = admit_plane(self.ground, f"caster '{self.frame}'")
         return on_carrier(
             _BallRows(self.frame, self.radius, ("vertical",), plane, robot), self.frame, self.ground, robot

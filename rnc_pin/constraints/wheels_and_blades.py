@@ -13,13 +13,20 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin._kernel.kernel_rows import Form, KernelRow, attached, wrench_rows
-from rnc_pin.constraints.ground_plane import GroundPlane, admit_plane, on_carrier
 from rnc_pin.constraints.rolling_body import RollingBody
-from rnc_pin.constraints.surfaces import CurvedGround, Torus, admit_ground
+from rnc_pin.constraints.surfaces import (
+    CurvedGround,
+    GroundPlane,
+    Torus,
+    admit_ground,
+    admit_plane,
+    check_positive,
+    on_carrier,
+)
 from rnc_pin.errors import ConfigurationError, ConstraintError
 from rnc_pin.math.linear_algebra import Entry, cross, dot
 from rnc_pin.model.frame_rows import FLAT, DirectionRows, OffsetFrame, evaluated, frame_direction
-from rnc_pin.model.input_validation import Axis, Positive, Vector, is_number
+from rnc_pin.model.input_validation import Axis, Positive, Vector
 from rnc_pin.model.kinematics import OWN_AXES, Kinematics, PositionKinematics
 from rnc_pin.model.rows import Friction, GroundContact, Rows, check_defined
 from rnc_pin.robots.robot import Robot
@@ -76,8 +83,7 @@ class RollingWheel:
     ground: GroundPlane | CurvedGround | None = None
 
     def bind(self, robot: Robot) -> Rows:
-        if not (is_number(self.radius) and self.radius > 0):
-            raise ConstraintError(f"radius of wheel '{self.frame}' has to be positive, found {self.radius!r}")
+        check_positive(f"radius of wheel '{self.frame}'", self.radius)
         if self.roller is not None and not abs(self.roller) < np.pi / 2:
             raise ConstraintError(
                 f"roller of wheel '{self.frame}' has to point less than pi/2 = 1.5708 rad away from the wheel's "
@@ -96,8 +102,7 @@ class RollingWheel:
             turned = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axle).matrix()
             rim, rpy = Torus(self.radius), tuple(pin.rpy.matrixToRpy(turned).tolist())
             return RollingBody(self.frame, rim, rpy=rpy, ground=ground).bind(robot)
-        plane = admit_plane(self.ground, f"wheel '{self.frame}'")
-        rows = RollingRows(self.frame, self.radius, axle, *_parts(self), plane, robot)
+        rows = RollingRows(self.frame, self.radius, axle, *_parts(self), self.ground or GroundPlane(), robot)
         return on_carrier(rows, self.frame, self.ground, robot)
 
 
