@@ -198,9 +198,8 @@ class SurfaceContactRows(BodyContactRows):
             velocity = np.asarray(ground.material_velocity(np.zeros(3)), dtype=float)
             self.affine, self.twist = True, np.concatenate([velocity, np.asarray(ground.angular_velocity, dtype=float)])
         self.name_rows(frame, self._center, _PARTS[: 3 if pivots else 4])
-        # The Jacobian and the bias acceleration of a thread share the contact; its wrenches and their rates the other.
+        # The Jacobian and the bias acceleration of a thread share the contact.
         self._seen: dict[int, tuple[np.ndarray, SurfaceContact]] = {}
-        self._near: dict[int, tuple[Placement, SurfaceContact]] = {}
 
     # ------------------------------------------------------------------ contact point; formulas take complex numbers
 
@@ -297,14 +296,10 @@ class SurfaceContactRows(BodyContactRows):
         # Newton's method converges quadratically: one step with complex numbers gives exact first derivatives.
         if not np.iscomplexobj(place.rotation):
             return found
-        near = self._near.get(get_ident())
-        if near is not None and near[0] is place:
-            return near[1]
         origin = place.translation
         point, gap = np.broadcast_to(found.point, origin.shape), np.broadcast_to(found.gap, origin.shape[:-1])
         moved, wider = self._stepped(origin, self._at(place.rotation, point.astype(complex), gap))
-        near = self._near[get_ident()] = place, self._at(place.rotation, found.point + moved, found.gap + wider)
-        return near[1]
+        return self._at(place.rotation, found.point + moved, found.gap + wider)
 
     def wrench(self, place: Placement) -> np.ndarray:
         found = self._found(place)

@@ -112,11 +112,8 @@ class ActuatorVelocityController(ReprMixin):
         v2 = self._admitted(target)
         along = apply(at.R, v2)
         # One factor for all: the robot stays on its path, and only moves more slowly.
-        scale = admissible_scale(along, at.b if self._reduced.affine else None, self.limits)
-        if np.min(scale) < 1.0:
-            v2, along = scale * v2, scale * along
-        v = along + at.b if self._reduced.affine else along
-        return command_towards(target._replace(v2=v2), T=apply_transposed(at.B, v)), state
+        scale = admissible_scale(along, at.b, self.limits)
+        return command_towards(target._replace(v2=scale * v2), T=apply_transposed(at.B, scale * along + at.b)), state
 
     def _admitted(self, target: object) -> np.ndarray:
         """Return v2d of a target."""
@@ -138,15 +135,15 @@ class ActuatorVelocityController(ReprMixin):
         return v2
 
 
-def admissible_scale(along: np.ndarray, offset: np.ndarray | None, limits: np.ndarray) -> np.ndarray:
+def admissible_scale(along: np.ndarray, offset: np.ndarray, limits: np.ndarray) -> np.ndarray:
     """Return the largest factor s in [0, 1], (..., 1), with ``|s along + offset| <= limits``.
 
     Args:
         along: velocity ``R v2`` (..., nv).
-        offset: velocity b (..., nv) at ``v2 = 0``; None if it is zero. Where it exceeds a limit, s is 0.
+        offset: velocity b (..., nv) at ``v2 = 0``. Where it exceeds a limit, s is 0.
         limits: largest velocities (nv,).
     """
-    room = limits if offset is None else np.maximum(limits - np.sign(along) * offset, 0.0)
+    room = np.maximum(limits - np.sign(along) * offset, 0.0)
     speed = np.abs(along)
     # Only entries above their room divide: a limit that is infinite never does.
     ratio = np.divide(room, speed, out=np.ones_like(speed), where=speed > room)
@@ -187,15 +184,13 @@ def check_velocity_actuation(reduced: ReducedModel) -> None:
     samples = 5  # the rank is generic, so one regular configuration decides; some may be singular
     for _ in range(samples):
         at = reduced.at(reduced.random_configuration(generator))
-        if not at.regular:
-            continue
-        best = max(best, int(np.linalg.matrix_rank(at.input_matrix, rtol=_RANK)) if reduced.p else 0)
-        if best == reduced.r:
-            return
-    raise ConfigurationError(
-        f"velocities of the actuators ({', '.join(reduced.actuation.names) or 'none'}) determine {best} of "
-        f"{reduced.r} reduced velocities: add actuators"
-    )
+        if at.regular and reduced.p:
+            best = max(best, int(np.linalg.matrix_rank(at.input_matrix, rtol=_RANK)))
+    if best < reduced.r:
+        raise ConfigurationError(
+            f"velocities of the actuators ({', '.join(reduced.actuation.names) or 'none'}) determine {best} of "
+            f"{reduced.r} reduced velocities: add actuators"
+        )
 
 
 def velocity_limits(reduced: ReducedModel, limits: bool | np.ndarray) -> np.ndarray:
@@ -408,9 +403,7 @@ class WheelOdometry(ReprMixin):
         Raises:
             InputError: an array has another shape or is not finite.
         """
-        first, last = self._validator.validate(before), self._validator.validate(after)
-        if first.ndim != 1 or last.ndim != 1:
-            raise InputError("odometry takes two configurations")
+        first, last = (self._validator.validate_one(each) for each in (before, after))
         model = self._reduced.robot.model
         moved = np.zeros(self._reduced.n)
         moved[self._known] = pin.difference(model, first, last)[self._known]

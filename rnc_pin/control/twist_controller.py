@@ -135,29 +135,29 @@ class TwistController(ReprMixin):
         goal, beyond = self._in_range(motion, q, self._accelerated(last, motion.allowed(wanted), self.dt), state.rates)
         aim = goal if goal.any() else motion.allowed(state.aim * self._scale)
         turn = aimed = self.base.turns(motion, q, aim, state.rates).turn
-        share, _ = _largest_share(motion.turning @ turn / self.dt, 0.0, bounds)
+        share = _largest_share(motion.turning @ turn / self.dt, 0.0, bounds)
         if share < 1.0 and goal.any():
             goal, turn = self._followed(motion, q, goal, state, turn, bounds)
-            share, _ = _largest_share(motion.turning @ turn / self.dt, 0.0, bounds)
+            share = _largest_share(motion.turning @ turn / self.dt, 0.0, bounds)
         rates = share * turn / self.dt
         if rates.any():  # velocities that fit the angles halfway
             before, middle = motion.turning, 0.5 * self.dt * (motion.turning @ rates)
             motion = self.base.at(pin.integrate(self._reduced.robot.model, q, middle))
             # At the angles halfway and at the end, passive joints may turn faster for the same rates of the pivots.
             for turning in (motion.turning, 2.0 * motion.turning - before):
-                rates = rates * _largest_share(turning @ rates, 0.0, bounds)[0]
+                rates = rates * _largest_share(turning @ rates, 0.0, bounds)
         offset = motion.turning @ rates
         allowed = self._nearest(motion, goal, self.waits * (share > _STILL))
         along = motion.moving @ allowed
-        scale, joint = _largest_share(along, offset, bounds)
+        scale = _largest_share(along, offset, bounds)
         v, reached = scale * along + offset, scale * allowed / self._scale
         # A zero command is not cut: the base rests because it has to.
         cuts: tuple[TwistCut, ...] = ()
         if np.nan_to_num(wanted).any():
             left = np.abs(aimed - self.dt * rates)
             stopped = left * (share < _STILL)  # another joint of the linkage is at its limit
-            unmet = self._cuts(motion, wanted, left - stopped, np.maximum(beyond, stopped))
-            cuts = (*unmet, *self._scaling(scale, joint, along, bounds))
+            found = self._cuts(motion, wanted, left - stopped, np.maximum(beyond, stopped))
+            cuts = (*found, *self._scaling(along, offset, bounds))
         u = self._reduced.actuation.matrix(motion.position).T @ v
         return TwistCommand(v[self._entries], reached, v, u, cuts), TwistState(aim / self._scale, reached, rates)
 
@@ -181,7 +181,7 @@ class TwistController(ReprMixin):
             goal, beyond = self._in_range(motion, q, motion.allowed(wanted), resting)
             left = self.base.turns(motion, q, goal, resting).turn
             moved = motion.turning @ left
-            share, _ = _largest_share(moved, 0.0, self._bounds(q, 1.0, unlimited))
+            share = _largest_share(moved, 0.0, self._bounds(q, 1.0, unlimited))
             if share * np.abs(left).max(initial=0.0) < _SETTLED:
                 break
             q = np.asarray(pin.integrate(self._reduced.robot.model, q, share * moved))
@@ -192,9 +192,8 @@ class TwistController(ReprMixin):
             raise InfeasibleError(f"no angles of {', '.join(self.steering)} found for twist {twist} of '{self.frame}'")
         allowed, bounds = self._nearest(motion, goal, waits=0.0), self._bounds(q, self.dt, self._limits)
         along = motion.moving @ allowed
-        scale, joint = _largest_share(along, 0.0, bounds)
-        unmet = self._cuts(motion, wanted, 0.0 * left, np.maximum(beyond, np.abs(left)))
-        cuts = (*unmet, *self._scaling(scale, joint, along, bounds))
+        scale, angles = _largest_share(along, 0.0, bounds), np.maximum(beyond, np.abs(left))
+        cuts = (*self._cuts(motion, wanted, 0.0 * left, angles), *self._scaling(along, 0.0, bounds))
         return FeasibleTwist(scale * allowed / self._scale, q, scale * along, cuts)
 
     def aimed(
@@ -236,14 +235,14 @@ class TwistController(ReprMixin):
         lead = 0.05  # [s] by which goals are ahead: errors of velocities decay in such a time
         ahead = max(dt, lead)
         bounds, change = self._bounds(q, dt, self._limits), steering * ahead
-        turning *= _largest_share(motion.turning @ turning, 0.0, bounds)[0]
+        turning *= _largest_share(motion.turning @ turning, 0.0, bounds)
         goal = self._accelerated(last, self._nearest(motion, goal * (not waits), near), ahead)
         allowed = min(1.0, 2.0 * independence / _REGULAR) * self._nearest(motion, goal, waits=0.0)
-        allowed *= _largest_share(motion.moving @ allowed, 0.0, bounds)[0]
+        allowed *= _largest_share(motion.moving @ allowed, 0.0, bounds)
         # The pivots accelerate first, then the base by what they leave.
         room, more = (-dt * most, dt * most), np.clip(turning - rates, -change, change)
-        more *= _largest_share(rows @ (motion.turning @ more), 0.0, room)[0]
-        share, _ = _largest_share(rows @ (motion.moving @ (allowed - last)), rows @ (motion.turning @ more), room)
+        more *= _largest_share(rows @ (motion.turning @ more), 0.0, room)
+        share = _largest_share(rows @ (motion.moving @ (allowed - last)), rows @ (motion.turning @ more), room)
         return (last + share * (allowed - last)) / self._scale, rates + more
 
     # ------------------------------------------------------------------ one sample
@@ -276,10 +275,7 @@ class TwistController(ReprMixin):
         unknown = 3 - np.count_nonzero(np.isfinite(wanted))
         if wanted.shape != (3,) or (unknown and not sum(each is None for each in twist) == unknown < 3):
             raise InputError(f"a twist is (vx, vy, wz): three finite numbers, or None for a free one; found {twist!r}")
-        q = self._validator.validate(q)
-        if q.ndim != 1:
-            raise InputError(f"a twist controller takes one configuration at a time, found shape {q.shape}")
-        return q, wanted * self._scale
+        return self._validator.validate_one(q), wanted * self._scale
 
     def _bounds(self, q: Array, dt: float, limits: Array) -> tuple[Array, Array]:
         """Smallest and largest velocities (nv,) within limits, and within position limits after dt."""
@@ -353,7 +349,7 @@ class TwistController(ReprMixin):
 
     def _can_turn(self, motion: BaseMotion, turn: Array, bounds: tuple[Array, Array]) -> bool:
         """True if the pivots can turn within one sample."""
-        return _largest_share(motion.turning @ turn / self.dt, 0.0, bounds)[0] == 1.0
+        return _largest_share(motion.turning @ turn / self.dt, 0.0, bounds) == 1.0
 
     def _nearest(self, motion: BaseMotion, wanted: Array, waits: float) -> Array:
         """Scaled twist nearest to a wanted one that the rows allow at the present angles, up to the side slip.
@@ -387,9 +383,11 @@ class TwistController(ReprMixin):
             if cut > _STILL:
                 yield TwistCut("angle", name, cut)
 
-    def _scaling(self, scale: float, joint: int, along: Array, bounds: tuple[Array, Array]) -> Iterator[TwistCut]:
+    def _scaling(self, along: Array, offset: Array | float, bounds: tuple[Array, Array]) -> Iterator[TwistCut]:
         """Cut by the limit of a joint that scales the twist, whose whole velocity is ``along``."""
-        if scale < 1.0:
+        shares = _shares(along, offset, bounds)
+        joint = int(np.argmin(shares))
+        if (scale := float(shares[joint])) < 1.0:
             bound = bounds[1][joint] if along[joint] > 0.0 else -bounds[0][joint]
             yield TwistCut("range" if bound < self._limits[joint] else "speed", str(self._names[joint]), scale)
 
@@ -402,14 +400,16 @@ def _choices(favoured: Array) -> Iterable[Array]:
     return (np.array(signs) for signs in product((1.0, -1.0), repeat=len(favoured)))
 
 
-def _largest_share(along: Array, offset: Array | float, bounds: tuple[Array, Array]) -> tuple[float, int]:
-    """Return the largest share s in [0, 1] with ``s along + offset`` within bounds, and the entry that limits it."""
+def _largest_share(along: Array, offset: Array | float, bounds: tuple[Array, Array]) -> float:
+    """Return the largest share s in [0, 1] with ``s along + offset`` within bounds."""
+    return float(_shares(along, offset, bounds).min(initial=1.0))
+
+
+def _shares(along: Array, offset: Array | float, bounds: tuple[Array, Array]) -> Array:
+    """Return the largest share s in [0, 1] of each entry with ``s along + offset`` within bounds."""
     total = along + offset
     above, below = total > bounds[1] + _STILL, total < bounds[0] - _STILL
-    if not (above | below).any():
-        return 1.0, -1
     room = np.where(above, bounds[1], bounds[0]) - offset
     shares = np.where(above | below, 0.0, 1.0)  # 0: the offset is beyond a bound
     np.divide(room, along, out=shares, where=(above | below) & (along != 0.0))
-    joint = int(np.argmin(shares))
-    return float(np.clip(shares[joint], 0.0, 1.0)), joint
+    return np.clip(shares, 0.0, 1.0)

@@ -45,9 +45,9 @@ def test_the_scale_is_the_largest_that_keeps_every_limit():
     np.testing.assert_allclose(admissible_scale(along, offset, limits), [[0.75]])
     np.testing.assert_allclose(admissible_scale(-along, offset, limits), [[1 / 3]])  # 1 + 3 s <= 2
     np.testing.assert_allclose(admissible_scale(along, np.array([[2.5, 0.0, 0.0]]), limits), [[0.0]])
-    np.testing.assert_allclose(admissible_scale(along, None, limits), [[2 / 3]])
-    np.testing.assert_allclose(admissible_scale(0.1 * along, None, limits), [[1.0]])
-    assert admissible_scale(np.zeros((4, 3)), None, limits).shape == (4, 1)
+    np.testing.assert_allclose(admissible_scale(along, 0 * along, limits), [[2 / 3]])
+    np.testing.assert_allclose(admissible_scale(0.1 * along, 0 * along, limits), [[1.0]])
+    assert admissible_scale(np.zeros((4, 3)), 0 * along, limits).shape == (4, 1)
 
 
 def test_limits_are_those_of_the_file_where_it_has_any():
