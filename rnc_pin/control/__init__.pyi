@@ -12,11 +12,7 @@ from ..motion.whole_body import limits as limits
 from ..motion.whole_body import tasks as tasks
 from . import loop as loop
 from .actuator_velocity import ActuatorVelocityController as ActuatorVelocityController
-from .actuator_velocity import FeasibleTwist as FeasibleTwist
 from .actuator_velocity import OdometryStep as OdometryStep
-from .actuator_velocity import TwistCommand as TwistCommand
-from .actuator_velocity import TwistCut as TwistCut
-from .actuator_velocity import TwistState as TwistState
 from .actuator_velocity import WheelOdometry as WheelOdometry
 from .basic_controllers import ComputedTorque as ComputedTorque
 from .basic_controllers import ReducingOutputController as ReducingOutputController
@@ -64,5 +60,9 @@ from .trackers import PositionState as PositionState
 from .trackers import PositionTracker as PositionTracker
 from .trackers import TrackerState as TrackerState
 from .trackers import VelocityTracker as VelocityTracker
+from .twist_controller import FeasibleTwist as FeasibleTwist
+from .twist_controller import TwistCommand as TwistCommand
 from .twist_controller import TwistController as TwistController
+from .twist_controller import TwistCut as TwistCut
+from .twist_controller import TwistState as TwistState
 from .unicycle_stabilizer import UnicycleStabilizer as UnicycleStabilizer
