@@ -13,7 +13,8 @@ import pinocchio as pin
 
 from rnc_pin.array_shapes import Array, Float, Int
 from rnc_pin.errors import ConfigurationError, SingularityError
-from rnc_pin.math.linear_algebra import nonnegative, null_space
+from rnc_pin.math.convex_programs import nonnegative
+from rnc_pin.math.linear_algebra import null_space
 from rnc_pin.model.cached_property import once_per_model
 from rnc_pin.model.generalized_forces import PassiveForce
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics, VelocityKinematics

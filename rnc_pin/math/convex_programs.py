@@ -272,3 +272,22 @@ def nearest_point(
         if status == solved:
             return NearestPoint(x, info["lam"])
     return None
+
+
+def nonnegative(values: Array, free: Array) -> Array:
+    """Return the nearest values that are not below zero; the given values if there are none.
+
+    Args:
+        values: (c,).
+        free: orthonormal directions of allowed changes, as columns (c, d).
+    """
+    size = np.abs(values).max(initial=0.0)
+    if not free.shape[1] or not size:
+        return values
+    # The directions are orthonormal: the shortest change has the shortest coefficients.
+    found = nearest_point(np.zeros(free.shape[1]), free, -values / size, np.full(len(values), np.inf), coarse=False)
+    if found is None:
+        return values
+    zero = 1e-6  # part of the largest value below which a value is rounding
+    shifted = values + free @ (size * found.point)
+    return np.where(np.abs(shifted) < zero * size, 0.0, shifted)

@@ -12,7 +12,6 @@ from functools import lru_cache
 from typing import TypeAlias, TypeVar
 
 import numpy as np
-import scipy
 
 from rnc_pin import _kernel
 
@@ -69,18 +68,12 @@ def inverse(matrix: np.ndarray) -> np.ndarray:
     Args:
         matrix: (..., n, n).
     """
-    if matrix.ndim == 2:
-        found = np.empty(matrix.shape)
-        if _kernel.library.solve(np.ascontiguousarray(matrix), _unit(len(matrix)), 0.0, found):
-            return np.asfortranarray(found)
-    try:
-        found = np.linalg.inv(matrix)
-        return np.asfortranarray(found) if matrix.ndim == 2 else found
-    except np.linalg.LinAlgError:  # one singular matrix fails the whole call: invert one by one
-        if matrix.ndim == 2:
-            return np.full_like(matrix, np.inf)
-        flat = matrix.reshape(-1, *matrix.shape[-2:])
-        return np.stack([inverse(each) for each in flat]).reshape(matrix.shape)
+    if matrix.ndim > 2:
+        return _each_solved(matrix, _unit(matrix.shape[-1]), np.inf)
+    found = np.empty(matrix.shape)
+    if not _kernel.library.solve(np.ascontiguousarray(matrix), _unit(len(matrix)), 0.0, found):
+        found = _each_solved(matrix, _unit(len(matrix)), np.inf)
+    return np.asfortranarray(found)
 
 
 @lru_cache
@@ -99,7 +92,7 @@ def solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
         found = np.empty(right.shape)
         if _kernel.library.solve(np.ascontiguousarray(matrix), np.ascontiguousarray(right), 0.0, found):
             return found
-    return _each_solved(matrix, right, np.inf)
+    return _each_solved(matrix, right[..., None], np.inf)[..., 0]
 
 
 def solve_positive_definite(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
@@ -112,19 +105,20 @@ def solve_positive_definite(matrix: np.ndarray, right: np.ndarray) -> np.ndarray
     if matrix.ndim == 2 and right.ndim < 3:
         found = solve_positive_definite_columns(matrix, right.T)
         return np.full_like(right, np.nan) if found is None else found.T
-    return _each_solved(matrix, right, np.nan)
+    return _each_solved(matrix, right[..., None], np.nan)[..., 0]
 
 
-def _each_solved(matrix: np.ndarray, right: np.ndarray, none: float) -> np.ndarray:
-    """Solutions of many systems (..., n), by one call; a number takes the place of solutions that do not exist."""
+def _each_solved(matrix: np.ndarray, columns: np.ndarray, none: float) -> np.ndarray:
+    """Solutions (..., n, k) of many systems, by one call; a number takes the place of solutions that do not exist."""
     try:
-        return np.linalg.solve(matrix, right[..., None])[..., 0]
+        return np.linalg.solve(matrix, columns)
     except np.linalg.LinAlgError:  # one singular matrix fails the whole call
-        found = np.full((*np.broadcast_shapes(matrix.shape[:-2], right.shape[:-1]), right.shape[-1]), none)
-        matrices, rights = np.broadcast_to(matrix, (*found.shape, found.shape[-1])), np.broadcast_to(right, found.shape)
-        for i in np.ndindex(found.shape[:-1]):
+        batch = np.broadcast_shapes(matrix.shape[:-2], columns.shape[:-2])
+        found = np.full((*batch, *columns.shape[-2:]), none)
+        matrices, right = np.broadcast_to(matrix, (*batch, *matrix.shape[-2:])), np.broadcast_to(columns, found.shape)
+        for i in np.ndindex(batch):
             with suppress(np.linalg.LinAlgError):
-                found[i] = np.linalg.solve(matrices[i], rights[i])
+                found[i] = np.linalg.solve(matrices[i], right[i])
         return found
 
 
@@ -262,28 +256,6 @@ def weakest_rows(matrix: np.ndarray, names: Sequence[str]) -> tuple[str, ...]:
     left, values, _ = np.linalg.svd(matrix)
     weights = np.abs(left[:, min(len(values), len(left)) - 1])
     return tuple(name for name, weight in zip(names, weights, strict=True) if weight > 0.1 * weights.max())
-
-
-def nonnegative(values: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Return the nearest values that are not below zero; the given values if there are none.
-
-    Args:
-        values: (c,).
-        free: orthonormal directions of allowed changes, as columns (c, d).
-    """
-    if not free.shape[1]:
-        return values
-    # Least distance programming: Lawson and Hanson, Solving Least Squares Problems, chapter 23.
-    size = np.abs(values).max()
-    E = np.vstack([free.T, -values / size])
-    target = np.eye(len(E))[-1]
-    found = E @ scipy.optimize.nnls(E, target)[0] - target
-    zero = 1e-6  # part of the largest value below which NNLS's residual, or a value, is rounding
-    # A residual of zero means that no change makes all values nonnegative: the constraints are incompatible.
-    if np.linalg.norm(found) < zero:
-        return values
-    shifted = values - free @ (size * found[:-1] / found[-1])
-    return np.where(np.abs(shifted) < zero * size, 0.0, shifted)
 
 
 # ------------------------------------------------------------------ components

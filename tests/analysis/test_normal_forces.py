@@ -9,7 +9,7 @@ import rnc_pin as rnc
 from bodies import add_body
 from rnc_pin.analysis import NormalForces, first_lift_off
 from rnc_pin.analysis.normal_forces import balanced
-from rnc_pin.math.linear_algebra import nonnegative
+from rnc_pin.math.convex_programs import nonnegative
 from rnc_pin.motion.planning import MinimumJerk
 from rnc_pin.motion.whole_body import InverseDynamicsQP
 from rnc_pin.simulation import ReducedPlant, margins_along

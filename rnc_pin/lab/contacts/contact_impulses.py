@@ -18,7 +18,8 @@ from annotated_types import Ge, Le
 
 from rnc_pin.constraints import GroundPlane
 from rnc_pin.errors import ConfigurationError, DivergenceError, SimulationError
-from rnc_pin.math.linear_algebra import nonnegative, null_space, solve_positive_definite_columns
+from rnc_pin.math.convex_programs import nonnegative
+from rnc_pin.math.linear_algebra import null_space, solve_positive_definite_columns
 from rnc_pin.model.input_validation import NotNegative, check_settings
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics, VelocityKinematics
 from rnc_pin.model.rows import ConstraintKind

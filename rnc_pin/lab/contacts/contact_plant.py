@@ -13,7 +13,8 @@ from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, Simu
 from rnc_pin.lab.contacts import contact_impulses
 from rnc_pin.lab.contacts.contact_impulses import UnilateralContact
 from rnc_pin.lab.contacts.sliding_plant import SlidingPlant, SlidingStep
-from rnc_pin.math.linear_algebra import nonnegative, null_space
+from rnc_pin.math.convex_programs import nonnegative
+from rnc_pin.math.linear_algebra import null_space
 from rnc_pin.model.input_validation import numbers_of, own_vector
 from rnc_pin.model.integrators import DEFAULT_TOLERANCE
 from rnc_pin.model.reduced_model import ReducedModel
