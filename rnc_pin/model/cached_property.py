@@ -73,10 +73,11 @@ def _filled(where: str, formula: Callable[[_Owner], _Value]) -> cached_property[
 
 
 def once_per_model(function: Callable[[_Model], _Value]) -> Callable[[_Model], _Value]:
-    """Return a function that keeps its value as long as the model exists. The value has to be immutable.
+    """Return a function that keeps its value as long as the model exists.
 
     Args:
-        function: function of the structure of a model, such as its contacts, not of its parameters.
+        function: function of the structure of a model, such as its contacts, not of its parameters, or of a robot's
+            kinematics.
     """
     known: WeakKeyDictionary[_Model, _Value] = WeakKeyDictionary()
 

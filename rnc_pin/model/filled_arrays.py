@@ -6,7 +6,7 @@ array below of the same name takes its place, unless it is None.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy import ndarray as Array
@@ -159,21 +159,18 @@ class CompiledArraysAtQ:
         return v
 
     @cached_property
-    def H(self) -> Array:
+    def H(self) -> Array | None:
         """Reduced inertia matrix (..., r, r)."""
         r = self.kernel.data.r
-        H = np.empty((*self.batch, r, r))
-        self._calls.inertia(self.kinematics, self.inverse, H)
-        return H
+        return _filled(self._calls.inertia, (*self.batch, r, r), self.kinematics, self.inverse)
 
     @cached_property
     def varying_B(self) -> Array | None:
         """Actuation matrix (..., nv, p); None if it is a function of the user."""
         if not self.kernel.has_inputs:
             return None
-        B = np.empty((*self.batch, self.kernel.data.n, self.kernel.data.p))
-        self._calls.actuation(self.q, self.kinematics, B)
-        return B
+        shape = (*self.batch, self.kernel.data.n, self.kernel.data.p)
+        return _filled(self._calls.actuation, shape, self.q, self.kinematics)
 
     def allocated(self, F: Array) -> Array | None:
         """Actuator inputs (..., p) for reduced forces (..., r); None if NumPy has to decide.
@@ -185,9 +182,8 @@ class CompiledArraysAtQ:
         # With more or fewer actuators than velocities, a pseudoinverse has to decide.
         if data.p != data.r or not self.kernel.has_inputs or F.shape[:-1] != self.batch:
             return None
-        T = np.empty(F.shape)
-        force = np.ascontiguousarray(F)
-        return T if self._calls.allocate(self.q, self.kinematics, self.inverse, force, T) else None
+        records = self.q, self.kinematics, self.inverse
+        return _filled(self._calls.allocate, F.shape, *records, np.ascontiguousarray(F))
 
     def output_slopes(self, along: Sequence[int] | Array) -> Array | None:
         """Rates (s, ..., k, r) of A_star in motions of single reducing outputs; None if NumPy has to evaluate them.
@@ -263,8 +259,8 @@ class CompiledArraysAtV:
         at = self.at_q
         if force.shape[:-1] != at.batch:
             return None
-        v2_dot = np.empty((*at.batch, self._kernel.data.r))
-        return v2_dot if self._calls.accelerate(at.inverse, self.biases, np.ascontiguousarray(force), v2_dot) else None
+        shape = (*at.batch, self._kernel.data.r)
+        return _filled(self._calls.accelerate, shape, at.inverse, self.biases, np.ascontiguousarray(force))
 
     def input_accelerations(self, B: Array) -> tuple[Array, Array] | None:
         """Reduced accelerations (r, p) of unit inputs, and those (r,) without any force; None if H is singular."""
@@ -278,19 +274,18 @@ class CompiledArraysAtV:
         if not self._kernel.fused:
             return None
         # All forces, and those with a potential, whose work counts as energy.
-        found = np.empty((*self._v.shape[:-1], 2, self._v.shape[-1]))
-        if not self._calls.passive_forces(self.at_q.q, self.at_q.kinematics, self._v, found):
+        at, shape = self.at_q, (*self.at_q.batch, 2, self._kernel.data.n)
+        found = _filled(self._calls.passive_forces, shape, at.q, at.kinematics, self._v)
+        if found is None:
             return None
         found.setflags(write=False)
         total, springs = found[..., 0, :], found[..., 1, :]
         return ForceSums(total, total - springs)
 
     @cached_property
-    def row_velocities(self) -> Array:
+    def row_velocities(self) -> Array | None:
         """Rates ``E v`` of the constraint rows and of the reducing outputs, (..., nv)."""
-        velocities = np.empty(self._v.shape)
-        self._calls.row_velocities(self.at_q.inverse, self._v, velocities)
-        return velocities
+        return _filled(self._calls.row_velocities, self._v.shape, self.at_q.inverse, self._v)
 
     @cached_property
     def v1(self) -> Array | None:
@@ -298,9 +293,8 @@ class CompiledArraysAtV:
         rows = self.at_q.vertical
         if rows is None:
             return None
-        v1 = np.empty((*self.at_q.batch, self._kernel.data.vertical.size))
-        self._calls.vertical_velocities(rows, self._v, v1)
-        return v1
+        shape = (*self.at_q.batch, self._kernel.data.vertical.size)
+        return _filled(self._calls.vertical_velocities, shape, rows, self._v)
 
     @cached_property
     def rates(self) -> Array | None:
@@ -339,6 +333,12 @@ def arrays_at_q(
     if not kernel.calls.configure(q, kinematics, inverse, external, known is not None):
         return None
     return CompiledArraysAtQ(kernel, q, position, kinematics, inverse)
+
+
+def _filled(call: Callable[..., bool], shape: tuple[int, ...], *arguments: Array) -> Array | None:
+    """Array that a call of the kernel fills; None if NumPy has to evaluate it."""
+    found = np.empty(shape)
+    return found if call(*arguments, found) else None
 
 
 def _empty_records(shape: tuple[int, ...], record: np.dtype[np.void]) -> Array:

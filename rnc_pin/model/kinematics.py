@@ -55,10 +55,7 @@ class Kinematics:
         frozen: True if the time is given.
         requested: for each update, quantities that the last states were asked for, with their shapes.
         lock: held while the data are of one state.
-        kernel_workspace: memory that the compiled kernels of all reductions share; None until one is made.
     """
-
-    kernel_workspace: object = None
 
     def __init__(self, robot: Robot, time: float | None = None) -> None:
         self._robot, self.time, self.frozen = robot, time, time is not None

@@ -23,10 +23,10 @@ from rnc_pin._kernel.kernel_rows import (
     placement_numbers,
 )
 from rnc_pin.math.linear_algebra import Component
-from rnc_pin.model.kinematics import moving_entries
+from rnc_pin.model.cached_property import once_per_model
+from rnc_pin.model.kinematics import Kinematics, moving_entries
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.rows import OutputRows, OutputStack, Place, RowStack
-from rnc_pin.robots.robot import Robot
 
 _ROW = np.dtype([("integers", np.int64, 3 + INTEGERS), ("numbers", float, NUMBERS)])  # as the kernel stores them
 _FRAME = np.dtype([("joint", np.int64), ("placement", float, 12)])
@@ -54,12 +54,12 @@ class _Workspace:
     Each call of the kernel sets the state first, so evaluators can share the data.
     """
 
-    def __init__(self, robot: Robot) -> None:
-        model, n, joints = robot.model, robot.nv, robot.model.njoints
+    def __init__(self, model: pin.Model) -> None:
+        n, joints = model.nv, model.njoints
         pinocchio = model.createData()
         # Columns of a joint's Jacobian that are not zero; the kernel skips the others.
         moved = [moving_entries(model, joint) for joint in range(joints)]
-        q, v, acceleration = robot.configuration(), np.zeros(n), np.zeros(n)
+        q, v, acceleration = pin.neutral(model), np.zeros(n), np.zeros(n)
         matrices = (pinocchio.M, (n, n)), (pinocchio.J, (6, n)), (pinocchio.nle, (n,)), (pinocchio.C, (n, n))
         by_rows = (each.reshape((n, n)).T for each in (pinocchio.dtau_dq, pinocchio.dtau_dv))
         placed = _placements(pinocchio, joints)
@@ -75,13 +75,9 @@ class _Workspace:
         self.curved = None if curved is None else np.array(kinds, dtype=np.int64).reshape(-1, 2)
 
 
-def _workspace(data: ReductionData) -> _Workspace:
-    kinematics = data.kinematics
-    # Views of Pinocchio's memory take as long to make as the rest of a kernel: reductions of one system share them.
-    if not isinstance(kinematics.kernel_workspace, _Workspace):
-        kinematics.kernel_workspace = _Workspace(data.robot)
-    assert isinstance(kinematics.kernel_workspace, _Workspace)
-    return kinematics.kernel_workspace
+@once_per_model  # views of Pinocchio's memory take as long to make as the rest of a kernel
+def _workspace(kinematics: Kinematics) -> _Workspace:
+    return _Workspace(kinematics.model)
 
 
 def _described(stack: RowStack, model: pin.Model) -> tuple[RowStack, list[KernelRow]]:
@@ -230,7 +226,7 @@ class ReductionKernel:
         self, rows: Sequence[KernelRow], passive: Sequence[tuple[KernelRow, KernelForce]]
     ) -> _kernel.library.Evaluator:
         """The kernel's object, for rows of E and J1 and for passive forces."""
-        data, robot, workspace = self.data, self.data.robot, _workspace(self.data)
+        data, robot, workspace = self.data, self.data.robot, _workspace(self.data.kinematics)
         constant, inputs = data.actuation.parts or (np.zeros((data.n, data.p)), [])
         # A force along an own axis of a frame is a wrench on it, as that of a constraint row.
         units = np.eye(6)
