@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -12,10 +11,11 @@ import pinocchio as pin
 
 from rnc_pin._kernel.kernel_rows import Form, KernelRow, Value, attached
 from rnc_pin.errors import ConfigurationError, ConstraintError, nearest
-from rnc_pin.math.linear_algebra import Entry, apply, complex_step, components, dot
-from rnc_pin.model.frame_rows import DirectionRows, FrameVelocityRows, axis_index, evaluated, rate_of
+from rnc_pin.math.linear_algebra import Entry, apply, components, dot
+from rnc_pin.model.frame_rows import DirectionRows, FrameVelocityRows, WrenchRows, axis_index, evaluated, rate_of
 from rnc_pin.model.input_validation import Axes, Axis
-from rnc_pin.model.kinematics import OWN_AXES, WORLD_AXES, PositionKinematics, VelocityKinematics
+from rnc_pin.model.kinematics import OWN_AXES, WORLD_AXES, Placement, PositionKinematics, VelocityKinematics
+from rnc_pin.model.relative_rows import RelativeRows
 from rnc_pin.model.rows import ConstantRows, OutputKind, OutputRows, check_defined
 from rnc_pin.model.user_functions import UserFunction, admitted_rate, check_rate
 from rnc_pin.robots.model_checks import joints_with_moving_axes
@@ -57,7 +57,8 @@ class FramePosition:
     axes: Axes = "xyz"
 
     def bind(self, robot: Robot) -> OutputRows:
-        return _PositionRows(self, robot, _chosen_axes(self.axes, f"frame '{self.frame}'"))
+        chosen = _chosen_axes(self.axes, f"frame '{self.frame}'")
+        return _PositionRows(robot, self.frame, chosen, [f"{self.frame}_{axis}" for axis in self.axes])
 
 
 def _chosen_axes(axes: str, whose: str) -> list[int]:
@@ -69,12 +70,18 @@ def _chosen_axes(axes: str, whose: str) -> list[int]:
     return chosen
 
 
-class _PositionRows(FrameVelocityRows, OutputRows):
-    def __init__(self, kind: FramePosition, robot: Robot, chosen: list[int]) -> None:
-        super().__init__(robot, kind.frame, chosen)
-        self.names = tuple(f"{kind.frame}_{axis}" for axis in kind.axes)
-        self.angular = (False,) * len(chosen)
+class _FrameRows(FrameVelocityRows, OutputRows):
+    """Outputs whose rates are components of a frame's velocity."""
 
+    def __init__(
+        self, robot: Robot, frame: str, rows: Sequence[int], names: Sequence[str], axes: pin.ReferenceFrame = WORLD_AXES
+    ) -> None:
+        super().__init__(robot, frame, rows, axes)
+        # Differences of rotation vectors are no errors: ``rotation`` has them compared on SO(3).
+        self.names, self.angular = tuple(names), (False,) * len(rows)
+
+
+class _PositionRows(_FrameRows):
     def value(self, at: PositionKinematics) -> np.ndarray:
         return at.placement(self._frame).translation[..., self._rows]
 
@@ -105,22 +112,14 @@ class FrameOrientation:
     frame: str
 
     def bind(self, robot: Robot) -> OutputRows:
-        return _OrientationRows(self, robot)
+        return _OrientationRows(robot, self.frame, (3, 4, 5), [f"{self.frame}_orientation_{axis}" for axis in "xyz"])
 
 
-class _OrientationRows(FrameVelocityRows, OutputRows):
+class _OrientationRows(_FrameRows):
     rotation = True
-
-    def __init__(self, kind: FrameOrientation, robot: Robot) -> None:
-        super().__init__(robot, kind.frame, (3, 4, 5))
-        self.names = tuple(f"{kind.frame}_orientation_{axis}" for axis in "xyz")
-        # Differences of rotation vectors are no errors: ``rotation`` has them compared on SO(3).
-        self.angular = (False,) * 3
 
     def value(self, at: PositionKinematics) -> np.ndarray:
         rotation = at.placement(self._frame).rotation
-        if rotation.ndim == 2:  # one state, on the hot path
-            return np.asarray(pin.log3(rotation))
         vectors = np.empty(rotation.shape[:-1])
         # Pinocchio's logarithm takes one matrix; it is exact near half turns, where a short formula is not.
         for i in np.ndindex(vectors.shape[:-1]):
@@ -299,16 +298,12 @@ class FrameSpeed:
     axis: Axis = "x"
 
     def bind(self, robot: Robot) -> OutputRows:
-        return _QuasiVelocityRow(robot, self.frame, axis_index(self.axis), f"{self.frame}_speed_{self.axis}")
+        names = [f"{self.frame}_speed_{self.axis}"]
+        return _QuasiVelocityRow(robot, self.frame, [axis_index(self.axis)], names, OWN_AXES)
 
 
-class _QuasiVelocityRow(FrameVelocityRows, OutputRows):
+class _QuasiVelocityRow(_FrameRows):
     quasi = True
-    angular = (False,)
-
-    def __init__(self, robot: Robot, frame: str, row: int, name: str, axes: pin.ReferenceFrame = OWN_AXES) -> None:
-        super().__init__(robot, frame, (row,), axes)
-        self.names = (name,)
 
 
 @dataclass(frozen=True)
@@ -342,8 +337,8 @@ class FrameAngularVelocity:
             found = nearest(str(self.axes), ["own", "world"])
             raise ConfigurationError(f"angular velocity of '{self.frame}': axes '{self.axes}' is not known{found}")
         axes, of = (OWN_AXES, "") if self.axes == "own" else (WORLD_AXES, "world_")
-        name = f"{self.frame}_angular_velocity_{of}{self.axis}"
-        return _QuasiVelocityRow(robot, self.frame, 3 + axis_index(self.axis), name, axes)
+        names = [f"{self.frame}_angular_velocity_{of}{self.axis}"]
+        return _QuasiVelocityRow(robot, self.frame, [3 + axis_index(self.axis)], names, axes)
 
 
 # ---------------------------------------------------------------------- outputs of the robot
@@ -377,71 +372,50 @@ class Distance:
         return _DistanceRow(self, robot)
 
 
-def distance_force(vector: Sequence[Entry]) -> list[list[Entry]]:
-    """Force (1, 3) at the end of a vector whose power is the rate of its length: the unit vector.
+def distance_wrench(vector: Sequence[Entry]) -> list[list[Entry]]:
+    """Wrench (1, 6) at the end of a vector whose power is the rate of its length: the unit vector as a force.
 
     Args:
         vector: three components of the vector, not all zero.
     """
     length = dot(vector, vector) ** 0.5
-    return [[each / length for each in vector]]
+    return [[*(each / length for each in vector), 0.0, 0.0, 0.0]]
 
 
-class _DistanceRow(OutputRows):
-    def __init__(self, kind: Distance, robot: Robot) -> None:
-        self.names = (f"distance_{kind.frame_a}_{kind.frame_b}",)
-        self.units = ("m/s",)
-        self.angular = (False,)
-        self._a, self._b = robot.frame_id(kind.frame_a), robot.frame_id(kind.frame_b)
+class _OriginDistanceRow(WrenchRows):
+    """Row of the distance of a frame from the origin."""
 
-    def _vector(self, at: PositionKinematics) -> np.ndarray:
-        return at.placement(self._b).translation - at.placement(self._a).translation
+    units = ("m/s",)
 
-    def value(self, at: PositionKinematics) -> np.ndarray:
-        return np.linalg.norm(self._vector(at), axis=-1, keepdims=True)
+    def __init__(self, name: str, frame: int) -> None:
+        self.names, self.frame = (name,), frame
 
-    def _force(self, at: PositionKinematics) -> np.ndarray:
-        vector = components(self._vector(at))
-        length = dot(vector, vector) ** 0.5
+    def check_defined(self, at: PositionKinematics) -> None:
+        length = np.linalg.norm(at.placement(self.frame).translation, axis=-1)
         # A unit vector from one origin to the other has no direction there.
         check_defined("a distance has no rate where it is zero", at.q, length, TOGETHER, self.names)
-        return evaluated(distance_force, [vector])
 
-    def _relative(self, both: Callable[[int], np.ndarray]) -> np.ndarray:
-        """Linear velocity or acceleration (..., 3) of frame b relative to frame a."""
-        return both(self._b)[..., :3] - both(self._a)[..., :3]
+    def wrench(self, place: Placement) -> np.ndarray:
+        return evaluated(distance_wrench, [components(place.translation)])
 
-    def jacobian(self, at: PositionKinematics) -> np.ndarray:
-        return self._force(at) @ (at.jacobian(self._b) - at.jacobian(self._a))[..., :3, :]
+    def wrench_rate(self, place: Placement, velocity: np.ndarray) -> np.ndarray:
+        return rate_of(distance_wrench, [components(place.translation)], [components(velocity[..., :3])])
 
-    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
-        rate = rate_of(distance_force, [components(self._vector(at))], [components(self._relative(at.velocity))])
-        J, J_dot = ((each(self._b) - each(self._a))[..., :3, :] for each in (at.jacobian, at.jacobian_dot))
-        return np.asarray(self._force(at) @ J_dot + rate @ J)
 
-    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
-        self._force(at)  # raises an error if the distance is zero
-        return _bias(self._vector(at), self._relative(at.velocity), self._relative(at.acceleration))
+class _DistanceRow(RelativeRows, OutputRows):
+    """Distance of frame b from the origin, as frame a sees it."""
 
-    def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
-        by_velocity, by_acceleration = (at.frame_gradients(self._b) - at.frame_gradients(self._a))[:, :3]
-        # Both motions have exact derivatives by Pinocchio; the formula that joins them is analytic.
-        return complex_step(
-            _bias,
-            (self._vector(at), (at.jacobian(self._b) - at.jacobian(self._a))[:3]),
-            (self._relative(at.velocity), by_velocity),
-            (self._relative(at.acceleration), by_acceleration),
-        )
+    angular = (False,)
+
+    def __init__(self, kind: Distance, robot: Robot) -> None:
+        self._a, self._b = robot.frame_id(kind.frame_a), robot.frame_id(kind.frame_b)
+        super().__init__(_OriginDistanceRow(f"distance_{kind.frame_a}_{kind.frame_b}", self._b), self._a)
+
+    def value(self, at: PositionKinematics) -> np.ndarray:
+        return np.linalg.norm(self._seen(at).placement(self._b).translation, axis=-1, keepdims=True)
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
         return [KernelRow(Form.DISTANCE, (attached(model, self._a), attached(model, self._b)), value=(Value.LENGTH, 0))]
-
-
-def _bias(vector: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
-    """Second derivative (..., 1) of the length of a vector."""
-    parts = [components(vector)], [components(velocity)]
-    force, rate = evaluated(distance_force, parts[0]), rate_of(distance_force, *parts)
-    return np.asarray(apply(force, acceleration) + apply(rate, velocity))
 
 
 @dataclass(frozen=True)
@@ -581,8 +555,8 @@ class _CustomRows(OutputRows):
             self._value = UserFunction(kind.value, shape[:1], f"value(q){whose}")
             self._value(robot.configuration())
             # A value and a Jacobian of the user are two statements: differences at random states show if they disagree.
-            along = partial(_product, self._jacobian)
-            check_rate(robot, self._value, along, ("value(q)", f"jacobian(q) v{whose}"), self.names, kind.angular)
+            labels = "value(q)", f"jacobian(q) v{whose}"
+            check_rate(robot, self._value, lambda q, v: self._jacobian(q) @ v, labels, self.names, kind.angular)
         known = kind.jacobian_dot, "jacobian", whose, self.names, False
         self._jacobian_dot = admitted_rate(robot, self._jacobian, *known)
 
@@ -598,10 +572,6 @@ class _CustomRows(OutputRows):
     def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
         # An output has no right-hand side: its acceleration at zero vdot is Jdot v.
         return apply(self.jacobian_dot(at), at.v)
-
-
-def _product(jacobian: Callable[[np.ndarray], np.ndarray], q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    return np.asarray(jacobian(q) @ v)
 
 
 def velocity_outputs(robot: Robot) -> dict[str, OutputKind | None]:

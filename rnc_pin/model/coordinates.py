@@ -349,7 +349,6 @@ class PlacementChart:
     def __init__(self, model: pin.Model, center: Float[Array, " nq"]) -> None:
         self._model, self._center = model, np.array(center, dtype=float)
         self._manifold = ConfigurationManifold(model)
-        self._real = all(joint.nv == 1 or joint.nq == joint.nv or _is(joint, "Planar") for joint in model.joints[1:])
         joints = list(model.joints)[1:]
         self._planar = [(joint.idx_q, joint.idx_v) for joint in joints if _is(joint, "Planar")]
         self._free = [(joint.idx_q, joint.idx_v) for joint in joints if _is(joint, "FreeFlyer")]
@@ -377,10 +376,7 @@ class PlacementChart:
             q: configurations (n, nq).
         """
         n, nv = len(q), self._manifold.nv
-        if self._real:
-            found = np.tile(np.eye(nv), (n, 1, 1))
-        else:
-            found = np.array([pin.dDifference(self._model, self._center, each)[1] for each in q]).reshape(n, nv, nv)
+        found = np.array([pin.dDifference(self._model, self._center, each)[1] for each in q]).reshape(n, nv, nv)
         for at, to in self._planar:
             c, s = self._center[at + 2 : at + 4]
             # A tangent vector has its translation along the axes at q, which are turned against those at the centre.

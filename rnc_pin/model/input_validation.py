@@ -33,7 +33,7 @@ class ConfigurationValidator:
     """
 
     def __init__(self, robot: Robot) -> None:
-        self._robot, self._model, self._nq, self._shape = robot, robot.model, robot.nq, (robot.nq,)
+        self._robot, self._model, self._nq = robot, robot.model, robot.nq
         self._on_spheres = robot.nq != robot.nv  # only pairs (cos, sin) and quaternions have more entries
 
     def validate(self, q: ArrayInput) -> np.ndarray:
@@ -42,17 +42,10 @@ class ConfigurationValidator:
         Args:
             q: configurations (..., nq).
         """
-        if type(q) is not np.ndarray or q.dtype is not _FLOAT:
-            q = admit_numbers(q, "q")
-        q = np.array(q, float)  # by position: a keyword costs as much as the call
         if self._model.nq != self._nq:
             self._robot.check_unchanged()
-        one = q.shape == self._shape  # one state, on the hot path
-        if not one and (q.ndim == 0 or q.shape[-1] != self._nq):
-            raise InputError(f"q has shape {q.shape}, expected (..., {self._nq})")
-        if not (one and isfinite(sum(q.tolist()))):
-            check_finite("q", q)
-        states = (q,) if one else q.reshape(-1, self._nq)
+        q = vector(q, self._nq, "q").copy()
+        states = (q,) if q.ndim == 1 else q.reshape(-1, self._nq)
         if self._on_spheres and not all(pin.isNormalized(self._model, each, 1e-6) for each in states):
             raise InputError("q holds a (cos, sin) pair or a quaternion that is not of unit length")
         return q
