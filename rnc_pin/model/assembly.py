@@ -12,9 +12,9 @@ from numpy import ndarray as Array
 
 from rnc_pin.errors import ConstraintError, InputError, SingularityError
 from rnc_pin.math.linear_algebra import Component
-from rnc_pin.model.independence import ROUNDING, TOLERANCE, block_row_scales, select_independent
+from rnc_pin.model.independence import ROUNDING, TOLERANCE, block_row_scales, defined_jacobians, select_independent
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics
-from rnc_pin.model.rows import Rows
+from rnc_pin.model.rows import Rows, RowStack
 from rnc_pin.robots.robot import Robot
 
 _STEPS = 100  # of the projection, at most
@@ -43,16 +43,15 @@ class Assembly:
     def __init__(self, robot: Robot, blocks: Sequence[Rows], merged: Collection[str] = ()) -> None:
         self.robot = robot
         self._kinematics = Kinematics(robot)
-        self._places: list[tuple[Rows, list[int]]] = []
-        for block in blocks:
-            rows = [row for row, flag in enumerate(block.holonomic) if flag]
-            if rows and block.on_ground:
+        kept = list[int]()
+        for block, where, _ in RowStack(blocks).places:
+            rows = np.flatnonzero(block.holonomic)
+            if block.on_ground and len(rows):
                 # Heights that no joint changes, as of a planar base, are facts of the model and no equations.
-                rows = self._moving(block, rows)
-            if rows:
-                self._places.append((block, rows))
-        self.names = tuple(block.names[row] for block, rows in self._places for row in rows)
-        self.size = len(self.names)
+                rows = rows[self._moving(block)[rows]]
+            kept += (where.start + rows).tolist()
+        self._rows = RowStack(blocks, kept)
+        self.names, self.size = self._rows.names, self._rows.size
         dependent = {*merged, *self._dependent()} if self.size > 1 else set()
         self.leading = np.array([name not in dependent for name in self.names], dtype=bool)
 
@@ -73,11 +72,7 @@ class Assembly:
             q: configurations (..., nq).
             t: times (...) [s]; zero, or that of a frozen model, by default.
         """
-        return self._residual(self._kinematics.position(q, t))
-
-    def _residual(self, at: PositionKinematics) -> Array:
-        none = np.zeros((*at.q.shape[:-1], 0))
-        return np.concatenate([none, *(block.residual(at)[..., rows] for block, rows in self._places)], axis=-1)
+        return self._rows.residual(self._kinematics.position(q, t))
 
     def rank(self, q: Array) -> int:
         """Rank of the holonomic rows at a configuration (nq,).
@@ -85,8 +80,6 @@ class Assembly:
         Args:
             q: one configuration (nq,).
         """
-        if not self._places:
-            return 0
         return int(np.linalg.matrix_rank(self.jacobian(self._kinematics.position(q)), rtol=TOLERANCE))
 
     def worst(self, q: Array) -> tuple[str, float]:
@@ -129,7 +122,7 @@ class Assembly:
         Args:
             name: name of the row.
         """
-        grounds = (getattr(block.kind, "ground", None) for block, _ in self._places if name in block.names)
+        grounds = (getattr(block.kind, "ground", None) for block, *_ in self._rows.places if name in block.names)
         outside = any(getattr(each, "inside", False) for each in grounds)
         return "; its ground is hollow: inside=False if bodies roll on the outside of a ball or pipe" if outside else ""
 
@@ -144,7 +137,7 @@ class Assembly:
             t: time, for rheonomic rows [s].
             steps: largest number of steps that are the shortest by kinetic energy.
         """
-        if not self._places:
+        if not self.size:
             return q, np.zeros(0), True
         free = np.ones(self.robot.nv, dtype=bool)
         # Joints that are held have no columns in the step: the others alone close the loop.
@@ -167,7 +160,7 @@ class Assembly:
     ) -> tuple[Array, Array]:
         """Minimize the residual of the rows in a mask (h,), starting at q; return q and the residual of all rows."""
         here = self._kinematics.position(q, t)
-        residual, stalls = self._residual(here), 0
+        residual, stalls = self._rows.residual(here), 0
         exact, longest, halvings = 1e-14, 0.5, 12  # residual at the end [m or rad]; largest step [rad or m]
         stalled, patience = 0.999, 2  # ratio of residuals above which a step stalls, and how many may stall
         for _ in range(steps):
@@ -178,7 +171,7 @@ class Assembly:
             step *= min(1.0, longest / max(float(np.abs(step).max()), 1e-300))
             for _ in range(halvings):
                 ahead = self._kinematics.position(pin.integrate(self.robot.model, q, step), t)
-                left = self._residual(ahead)
+                left = self._rows.residual(ahead)
                 if np.linalg.norm(left[rows]) < np.linalg.norm(residual[rows]):
                     break
                 step = 0.5 * step
@@ -242,8 +235,7 @@ class Assembly:
         Args:
             at: kinematics at one configuration (nq,).
         """
-        none = np.zeros((0, self.robot.nv))
-        return np.concatenate([none, *(block.jacobian(at)[chosen] for block, chosen in self._places)])
+        return self._rows.jacobian(at)
 
     def _step(self, at: PositionKinematics, residual: Array, free: Array, which: Array, by_inertia: bool) -> Array:
         rows = self.jacobian(at)[which][:, free]
@@ -266,37 +258,31 @@ class Assembly:
 
     def _dependent(self) -> set[str]:
         """Names of rows that depend on others at random configurations, which need not satisfy the rows."""
-        found = self._samples_of(self._places)
-        if not found:
+        whole = RowStack([block for block, *_ in self._rows.places])
+        both = zip(self._rows.places, whole.places, strict=True)
+        rows = [row for place, (_, where, _) in both for row in place.each(range(where.start, where.stop))]
+        samples = self._random_rows(whole)
+        if not len(samples):
             return set()
-        whole = [np.stack([sample[k] for sample in found]) for k in range(len(self._places))]
-        samples = np.concatenate([each[:, rows] for each, (_, rows) in zip(whole, self._places, strict=True)], axis=1)
-        lengths = [block_row_scales(block, each)[rows] for each, (block, rows) in zip(whole, self._places, strict=True)]
         try:
-            dropped = select_independent(samples, self.names, lengths=np.concatenate(lengths)).dropped
+            lengths = block_row_scales(whole, samples)[rows]
+            return {row.name for row in select_independent(samples[:, rows], self.names, lengths=lengths).dropped}
         except ConstraintError:
             return set()  # the rank may differ at configurations that do not satisfy the rows
-        return {row.name for row in dropped}
 
-    def _moving(self, block: Rows, rows: list[int]) -> list[int]:
-        """Rows that are larger than rounding at some sampled configuration."""
-        found = self._samples_of([(block, rows)])
-        if not found:
-            return []
-        samples = np.stack([whole for (whole,) in found])
-        size = np.linalg.norm(samples, axis=-1).max(axis=0)
-        return [row for row in rows if size[row] > max(1e-12, ROUNDING * block_row_scales(block, samples)[row])]
+    def _moving(self, block: Rows) -> Array:
+        """Mask of the rows of a block that are larger than rounding at some sampled configuration."""
+        rows = RowStack([block])
+        samples = self._random_rows(rows)
+        size = np.linalg.norm(samples, axis=-1).max(axis=0, initial=0.0)
+        return size > np.maximum(1e-12, ROUNDING * block_row_scales(rows, samples))
 
-    def _samples_of(self, places: Sequence[tuple[Rows, list[int]]]) -> list[list[Array]]:
-        """All rows of some blocks at random configurations, which need not satisfy the rows."""
-        generator, samples, count = np.random.default_rng(0), [], 4
-        for _ in range(count):
-            position = self._kinematics.position(self.robot.random_configuration(generator))
-            with suppress(SingularityError):
-                whole = [block.jacobian(position) for block, _ in places]
-                if all(np.isfinite(each).all() for each in whole):
-                    samples.append(whole)
-        return samples
+    def _random_rows(self, rows: RowStack) -> Array:
+        """Rows (samples, k, nv) at random configurations, which need not satisfy the rows."""
+        generator, count = np.random.default_rng(0), 4
+        configurations = np.array([self.robot.random_configuration(generator) for _ in range(count)])
+        found = [matrix for _, matrix in defined_jacobians(rows, self.robot, configurations)]
+        return np.array([each for each in found if np.isfinite(each).all()]).reshape(-1, rows.size, self.robot.nv)
 
 
 def _worst_row(assembly: Assembly, residual: Array) -> str:

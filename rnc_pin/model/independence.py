@@ -109,17 +109,19 @@ def select_independent(
     return Selection(kept, dropped, *_margin(matrices, kept, names))
 
 
-def block_row_scales(block: Rows, samples: np.ndarray) -> np.ndarray:
-    """Reference length of each row of a block, (k,): the longest row with the same unit; 0 if none is holonomic.
+def block_row_scales(rows: RowStack, samples: np.ndarray) -> np.ndarray:
+    """Reference length of each row, (k,): the longest row of its block with the same unit; 0 if none is holonomic.
 
     Args:
-        block: bound rows.
-        samples: all rows of the block at several configurations, (samples, k, nv).
+        rows: stack of whole blocks.
+        samples: the rows at several configurations, (samples, k, nv).
     """
-    lengths = np.linalg.norm(samples, axis=-1).max(axis=0)
-    if not any(block.holonomic):
-        return np.zeros_like(lengths)
-    return np.array([max(lengths[k] for k, other in enumerate(block.units) if other == unit) for unit in block.units])
+    lengths, scales = np.linalg.norm(samples, axis=-1).max(axis=0, initial=0.0), np.zeros(rows.size)
+    for block, where, _ in rows.places:
+        units = np.array(block.units)
+        for unit in set(block.units) if any(block.holonomic) else ():
+            scales[where][units == unit] = lengths[where][units == unit].max()
+    return scales
 
 
 def defined_jacobians(

@@ -518,6 +518,14 @@ class RowStack:
         """
         return self._gather(at, lambda block: block.rate_dot(at))
 
+    def residual(self, at: PositionKinematics) -> np.ndarray:
+        """Position residuals (..., size) [m or rad]; zero for rows that are not holonomic.
+
+        Args:
+            at: kinematics at configurations (..., nq).
+        """
+        return self._gather(at, lambda block: block.residual(at))
+
     def _gather(self, at: PositionKinematics, of: Callable[[Rows], np.ndarray]) -> np.ndarray:
         """Concatenate a quantity of all blocks, restricted to the selected rows, (..., size)."""
         out = np.empty((*at.q.shape[:-1], self.size))

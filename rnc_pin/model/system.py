@@ -147,8 +147,7 @@ class NonholonomicSystem(SummaryMixin):
         # One set of configurations for all tests, so that rank, scales and regularity speak of the same places.
         self._samples = self.assembly.samples(_SAMPLES, spread)
         samples, rates = _sample_rows(self.rows, self.robot, self._samples)
-        scales = [independence.block_row_scales(block, samples[:, at]) for block, at, _ in self.rows.places]
-        lengths = np.concatenate([np.zeros(0), *scales])  # relative to which rows count as zero
+        lengths = independence.block_row_scales(self.rows, samples)  # relative to which rows count as zero
         # Before the selection: it might drop the very row that tells the contradiction.
         independence.check_reactions(self.rows, samples, lengths, couplings)
         angular = np.array([unit == "rad/s" for unit in self.robot.velocity_units])

@@ -38,7 +38,8 @@ def test_a_row_is_short_beside_rows_of_its_own_unit():
     block = SimpleNamespace(units=("m/s", "rad/s", "m/s", "rad/s"), holonomic=(True, False, False, False))
     samples = np.zeros((2, 4, 3))
     samples[0, :, 0], samples[1, :, 1] = (0.3, 4.0, 0.1, 2.0), (0.2, 1.0, 0.5, 7.0)
-    np.testing.assert_array_equal(block_row_scales(block, samples), [0.5, 7.0, 0.5, 7.0])
+    rows = SimpleNamespace(size=4, places=[(block, slice(0, 4), None)])
+    np.testing.assert_array_equal(block_row_scales(rows, samples), [0.5, 7.0, 0.5, 7.0])
 
 
 def test_rows_that_rounding_leaves_may_demand_what_differs_by_as_much():
