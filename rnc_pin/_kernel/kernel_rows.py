@@ -140,7 +140,7 @@ def attached(model: pin.Model, frame: int, offset: pin.SE3 | None = None) -> Att
 def wrench_rows(
     form: Form, frame: AttachedFrame, numbers: Iterable[Sequence[float]], twist: np.ndarray | None = None
 ) -> list[KernelRow]:
-    """Rows of wrenches on one frame.
+    """Rows of wrenches on one frame; unit wrenches give the components of its velocity.
 
     Args:
         form: their formula.
@@ -156,18 +156,6 @@ def wrench_rows(
     # The twist has its place whatever numbers the form has: the kernel looks for it there.
     padded = ([*each, *[0.0] * (AT_GROUND - len(each)), *twist.tolist()] for each in numbers)
     return [KernelRow(form, (frame,), (0, 1), each) for each in padded]
-
-
-def component_rows(form: Form, frame: AttachedFrame, components: Sequence[int]) -> list[KernelRow]:
-    """Components of a frame's velocity (linear x, y, z, then angular), in world axes or in its own axes.
-
-    Args:
-        form: ``Form.WORLD`` or ``Form.OWN``.
-        frame: the frame.
-        components: indices of the components.
-    """
-    # A component is a unit wrench: force along an axis, or torque about it.
-    return wrench_rows(form, frame, np.eye(6)[list(components)].tolist())
 
 
 def placement_numbers(placement: pin.SE3) -> list[float]:

@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple, cast
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin._kernel.kernel_rows import Form, KernelRow, component_rows, wrench_rows
+from rnc_pin._kernel.kernel_rows import Form, KernelRow, wrench_rows
 from rnc_pin.errors import ConfigurationError, ConstraintError, check_known
 from rnc_pin.math.linear_algebra import Component, Entry, apply, components, cross, packed
 from rnc_pin.model.frame_rows import DirectionRows, OffsetFrame, frame_direction, triple
@@ -143,7 +143,7 @@ class PointRows(DirectionRows):
         return [[*axis, *cross(directions[0], axis)] for axis in np.eye(3).tolist()]
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
-        return component_rows(Form.WORLD, self.point.attached(model), range(3))
+        return wrench_rows(Form.WORLD, self.point.attached(model), np.eye(6)[:3].tolist())
 
 
 class _TwistRows(DirectionRows):

@@ -151,20 +151,6 @@ def product(left: np.ndarray, right: np.ndarray) -> np.ndarray:
     return left @ right
 
 
-def cross_columns(vector: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Vector product of a vector (..., 3) and each column (..., 3, k).
-
-    Args:
-        vector: first factor (..., 3).
-        columns: second factors (..., 3, k).
-    """
-    if vector.ndim > 1:
-        return np.cross(vector[..., :, None], columns, axis=-2)
-    # numpy.cross of one vector costs several times a product with the skew matrix.
-    x, y, z = vector.tolist()
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ columns
-
-
 def vector_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Vector product (..., 3); of two vectors without the overhead of NumPy's.
 

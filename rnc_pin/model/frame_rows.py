@@ -14,7 +14,7 @@ from typing import TypeAlias, cast
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin._kernel.kernel_rows import AttachedFrame, Form, KernelRow, attached, component_rows, wrench_rows
+from rnc_pin._kernel.kernel_rows import AttachedFrame, Form, KernelRow, attached, wrench_rows
 from rnc_pin.errors import ConfigurationError, check_known
 from rnc_pin.math.linear_algebra import (
     Component,
@@ -165,7 +165,7 @@ class FrameVelocityRows(Rows):
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
         form = Form.OWN if self._axes == OWN_AXES else Form.WORLD
-        return component_rows(form, attached(model, self._frame), np.arange(6)[self._rows].tolist())
+        return wrench_rows(form, attached(model, self._frame), np.eye(6)[self._rows].tolist())
 
 
 # ------------------------------------------------------------------ wrenches

@@ -10,7 +10,7 @@ import pinocchio as pin
 from numpy import ndarray as Array
 
 from rnc_pin._kernel.kernel_rows import Form, KernelRow, Value, attached
-from rnc_pin.math.linear_algebra import apply, apply_transposed, complex_step, cross_columns, vector_product
+from rnc_pin.math.linear_algebra import apply, apply_transposed, complex_step, vector_product
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.kinematics import ALL, WORLD_AXES, Components, Placement, PositionKinematics, VelocityKinematics
 from rnc_pin.model.rows import ConstantRows, JointCoupler, Rows
@@ -52,41 +52,30 @@ class RelativeKinematics(VelocityKinematics):
 
     def jacobian(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES, rows: Components = ALL) -> Array:
         _check_axes(axes)
-        return self._along(self._relative(frame, self._original.jacobian(frame)))[..., rows, :]
+        return _relative_motion(*self._at_unit_velocities(frame)).mT[..., rows, :]
 
     def jacobian_dot(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES) -> Array:
         _check_axes(axes)
-        at, carrier = self._in_motion, self._carrier
-        velocity, carried = at.velocity(frame), at.velocity(carrier)
-        rate = self._relative(frame, at.jacobian_dot(frame), at.jacobian_dot(carrier))
-        # The arm d from the carrier to the frame changes by their relative velocity.
-        rate[..., :3, :] += cross_columns(velocity[..., :3] - carried[..., :3], at.jacobian(carrier)[..., 3:, :])
-        # Components are along axes that turn with the carrier: their rate loses the turning of the axes.
-        rate -= _turned(carried[..., 3:], self._relative(frame, at.jacobian(frame)))
-        return self._along(rate)
+        at, both = self._in_motion, (frame, self._carrier)
+        rates = [at.jacobian_dot(each).mT for each in both]
+        velocities = [at.velocity(each)[..., None, :] for each in both]
+        return _relative_rate(*self._at_unit_velocities(frame), rates, velocities).mT
 
-    def _relative(self, frame: int, columns: Array, of_carrier: Array | None = None) -> Array:
-        """Columns (..., 6, k) of a frame less those of the carrier at the frame's origin, in world axes."""
-        carried = self._original.jacobian(self._carrier) if of_carrier is None else of_carrier
-        found = columns - carried
-        # The carrier at the frame's origin moves by v + omega x d, and -omega x d = d x omega.
-        found[..., :3, :] += cross_columns(self._offset(frame), carried[..., 3:, :])
-        return np.asarray(found)
-
-    def _along(self, columns: Array) -> Array:
-        """Columns (..., 6, k) of linear and angular components, along the axes of the carrier."""
-        back = self._place.rotation.mT
-        return np.concatenate([back @ columns[..., :3, :], back @ columns[..., 3:, :]], axis=-2)
+    def _at_unit_velocities(self, frame: int) -> tuple[Array, Array, list[Array]]:
+        """Arguments of formulas of relative motions, for the motions (..., nv, 6) at unit velocities."""
+        motions = [self._original.jacobian(each).mT for each in (frame, self._carrier)]
+        return self._place.rotation[..., None, :, :], self._offset(frame)[..., None, :], motions
 
     def velocity(self, frame: int) -> Array:
-        motions = self._in_motion.velocity(frame), self._in_motion.velocity(self._carrier)
-        return _relative_velocity(self._place.rotation, self._offset(frame), *motions)
+        motions = [self._in_motion.velocity(each) for each in (frame, self._carrier)]
+        return _relative_motion(self._place.rotation, self._offset(frame), motions)
 
     def acceleration(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES, rows: Components = ALL) -> Array:
-        at, carrier = self._in_motion, self._carrier
-        motions = at.velocity(frame), at.velocity(carrier), at.acceleration(frame), at.acceleration(carrier)
         _check_axes(axes)
-        return _relative_acceleration(self._place.rotation, self._offset(frame), *motions)[..., rows]
+        at, both = self._in_motion, (frame, self._carrier)
+        velocities, accelerations = [at.velocity(each) for each in both], [at.acceleration(each) for each in both]
+        place = self._place.rotation, self._offset(frame)
+        return _relative_rate(*place, velocities, accelerations, velocities)[..., rows]
 
     def frame_gradients(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES) -> Array:
         _check_axes(axes)
@@ -94,15 +83,13 @@ class RelativeKinematics(VelocityKinematics):
         # The relative motion is a formula of both motions: the complex step joins their exact derivatives.
         J, J_carrier = at.jacobian(frame), at.jacobian(carrier)
         turned = np.cross(J_carrier[3:, None, :], rotation[:, :, None], axis=0)  # (3, 3, nv)
-        motions = []
-        for each in (frame, carrier):
-            by_velocity, by_acceleration = at.frame_gradients(each)
-            motions += [(at.velocity(each), by_velocity), (at.acceleration(each), by_acceleration)]
+        motions = [(at.velocity(each), at.frame_gradients(each)[0]) for each in (frame, carrier)]
+        motions += [(at.acceleration(each), at.frame_gradients(each)[1]) for each in (frame, carrier)]
 
-        def relative(flat: Array, d: Array, v: Array, a: Array, *carried: Array) -> Array:
-            turn = flat.reshape(-1, 3, 3)
-            velocity = _relative_velocity(turn, d, v, carried[0])
-            return np.concatenate([velocity, _relative_acceleration(turn, d, v, carried[0], a, carried[1])], axis=-1)
+        def relative(flat: Array, d: Array, *motions: Array) -> Array:
+            turn, velocities = flat.reshape(-1, 3, 3), motions[:2]
+            rate = _relative_rate(turn, d, velocities, motions[2:], velocities)
+            return np.concatenate([_relative_motion(turn, d, velocities), rate], axis=-1)
 
         offset = self._offset(frame), (J - J_carrier)[:3]
         gradient = complex_step(relative, (rotation.ravel(), turned.reshape(9, -1)), offset, *motions)
@@ -114,32 +101,30 @@ def _check_axes(axes: pin.ReferenceFrame) -> None:
         raise NotImplementedError("relative kinematics have components along the axes of the carrier only")
 
 
-# Formulas take complex numbers. Motions are (linear, angular) in world axes; d points from the carrier to the frame.
+# Formulas take complex numbers. Motions (linear, angular) of the frame and of the carrier are along the axes of the
+# world, results along those of the carrier, ``turn`` (..., 3, 3); d points from the carrier to the frame.
 
 
-def _relative_velocity(turn: Array, d: Array, velocity: Array, carried: Array) -> Array:
-    """Velocity (..., 6) of a frame relative to a carrier with the axes ``turn`` (..., 3, 3), along these."""
-    relative = velocity - carried
+def _relative_motion(turn: Array, d: Array, motions: Sequence[Array]) -> Array:
+    """Motion (..., 6) of a frame relative to a carrier."""
+    motion, carried = motions
+    relative = motion - carried
     # Coriolis: v_rel = v - (v_c + omega_c x d).
     linear = relative[..., :3] - vector_product(carried[..., 3:], d)
     return np.concatenate([apply_transposed(turn, linear), apply_transposed(turn, relative[..., 3:])], axis=-1)
 
 
-def _relative_acceleration(
-    turn: Array, d: Array, velocity: Array, carried: Array, acceleration: Array, carrier_acceleration: Array
+def _relative_rate(
+    turn: Array, d: Array, motions: Sequence[Array], rates: Sequence[Array], velocities: Sequence[Array]
 ) -> Array:
-    """Rate (..., 6) of ``_relative_velocity``."""
-    apart, relative, spin = velocity - carried, acceleration - carrier_acceleration, carried[..., 3:]
-    # Coriolis and centripetal terms, 2 omega x v_rel + omega x (omega x d), in terms of v - v_c.
-    moved = vector_product(spin, 2 * apart[..., :3] - vector_product(spin, d))
-    linear = relative[..., :3] - vector_product(carrier_acceleration[..., 3:], d) - moved
-    angular = relative[..., 3:] - vector_product(spin, apart[..., 3:])
-    return np.concatenate([apply_transposed(turn, linear), apply_transposed(turn, angular)], axis=-1)
-
-
-def _turned(spin: Array, columns: Array) -> Array:
-    """Rates (..., 6, k) of linear and angular columns that turn at an angular velocity (..., 3)."""
-    return np.concatenate([cross_columns(spin, columns[..., :3, :]), cross_columns(spin, columns[..., 3:, :])], axis=-2)
+    """Rate (..., 6) of a relative motion, from the rates of both motions and the velocities of both bodies."""
+    (motion, carried), (velocity, carrier_velocity), spin = motions, velocities, velocities[1][..., 3:]
+    apart, d_dot = motion - carried, (velocity - carrier_velocity)[..., :3]
+    # Product rule: d changes by d_dot, and components along axes that turn lose the turning of the axes.
+    linear = vector_product(carried[..., 3:], d_dot) + vector_product(spin, apart[..., :3])
+    linear -= vector_product(spin, vector_product(carried[..., 3:], d))
+    lost = np.concatenate([linear, vector_product(spin, apart[..., 3:])], axis=-1)
+    return _relative_motion(turn, d, [rates[0] - lost, rates[1]])
 
 
 class RelativeRows(Rows):

@@ -112,7 +112,7 @@ def find_output(reduced: ReducedModel, output: object, what: str) -> tuple[Outpu
     raise ConfigurationError(f"no output '{output}'{nearest(output, known)}")
 
 
-class OutputTargets:
+class OutputTargets(SelectedOutputs):
     """Targets of several outputs as one error ``e(q)`` (k,) that has to vanish.
 
     Args:
@@ -121,8 +121,8 @@ class OutputTargets:
             vector (3,) or a matrix (3, 3).
 
     Attributes:
-        labels: name of each target.
-        places: entries of each target in the error.
+        labels: name of each target; ``places``: its entries in the error.
+        goal: values of all targets (k,).
 
     Raises:
         ConfigurationError: unknown output, an output without a value, or one component of a rotation.
@@ -136,34 +136,16 @@ class OutputTargets:
         self.labels = tuple(label for label, *_ in found)
         # Two goals of one output contradict each other, and the nearest point to both meets neither.
         check_unique(self.labels, "two targets for output")
-        self._outputs = SelectedOutputs([chosen for _, chosen, _ in found])
-        self._values = np.concatenate([value for *_, value in found])
-        self.places = self._outputs.places
+        super().__init__([chosen for _, chosen, _ in found])
+        self.goal = np.concatenate([value for *_, value in found])
 
-    def error(self, at: PositionKinematics) -> np.ndarray:
-        """Error (k,): target minus value; rotations in world axes, angles within half a turn.
-
-        Args:
-            at: kinematics at one configuration (nq,).
-        """
-        return self._outputs.error(at, self._values)
-
-    def jacobian(self, at: PositionKinematics, error: np.ndarray) -> np.ndarray:
-        """Jacobian (k, nv) of ``-error``.
-
-        Args:
-            at: kinematics at one configuration (nq,).
-            error: the error (k,) [rad or m].
-        """
-        return self._outputs.error_jacobian(at, error)
-
-    def residuals(self, error: np.ndarray) -> dict[str, float]:
+    def residuals(self, at: PositionKinematics) -> dict[str, float]:
         """Length of the error of each target [m or rad].
 
         Args:
-            error: the error (k,) [rad or m].
+            at: kinematics at one configuration (nq,).
         """
-        places = zip(self.labels, self.places, strict=True)
+        error, places = self.error(at, self.goal), zip(self.labels, self.places, strict=True)
         return {label: float(np.linalg.norm(error[place])) for label, place in places}
 
 

@@ -199,8 +199,8 @@ class _Problem:
 
     def evaluate(self, q: np.ndarray) -> Residuals:
         at = self._kinematics.position(q)
-        e = self.targets.error(at)
-        J = self.targets.jacobian(at, e)
+        e = self.targets.error(at, self.targets.goal)
+        J = self.targets.error_jacobian(at, e)
         if self._collisions is not None:
             # A little farther than the clearance, so that the configuration keeps it although the error is not zero.
             near = self._collisions.at(q, within=self._clearance + _EXTRA)
@@ -258,8 +258,7 @@ class _Problem:
 
     def solves(self, q: np.ndarray, tolerance: float) -> bool:
         """Return True if a configuration reaches all targets, keeps the rows and the clearance."""
-        error = self.targets.error(self._kinematics.position(q))
-        reached = max(self.targets.residuals(error).values()) <= tolerance
+        reached = max(self.targets.residuals(self._kinematics.position(q)).values()) <= tolerance
         return reached and self._holonomic_residual(q) <= _CLOSED and not self._near(q)
 
     def _holonomic_residual(self, q: np.ndarray) -> float:
@@ -275,7 +274,7 @@ class _Problem:
         return dict(zip(labels, near.distance.tolist(), strict=True))
 
     def result(self, q: np.ndarray, tolerance: float, starts: int, steps: int) -> IkResult:
-        residuals = self.targets.residuals(self.targets.error(self._kinematics.position(q)))
+        residuals = self.targets.residuals(self._kinematics.position(q))
         rows = self._reduced.constraints
         q = q.copy()
         q.setflags(write=False)
