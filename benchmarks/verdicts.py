@@ -117,7 +117,7 @@ def exceeds(run: Trajectory, robot: rnc.Robot) -> dict[FindingKind, bool]:
     limits = model.upperVelocityLimit
     speeds = [fastest[k] > limits[k] * (1 + ROUNDING) for k in range(model.nv) if 0 < limits[k] < 1e6]
     efforts = []
-    for column, name in enumerate(run.info.outputs.T):
+    for column, name in enumerate(run.info.outputs.T.names):
         if name in robot.joint_names:
             limit = float(model.upperEffortLimit[robot.velocity_indices(name).start])
             if 0 < limit < 1e6:
@@ -250,7 +250,7 @@ def tighten(robot: rnc.Robot, run: Trajectory, generator: np.random.Generator) -
             model.lowerPositionLimit[q] = middle - share[0] * half
             model.upperPositionLimit[q] = middle + share[0] * half
         model.upperVelocityLimit[v] = share[1] * (float(np.abs(run.v[:, v]).max()) + 0.01)
-    for column, name in enumerate(run.info.outputs.T):
+    for column, name in enumerate(run.info.outputs.T.names):
         if name in robot.joint_names and generator.random() < 0.5:
             place = robot.velocity_indices(name).start
             model.upperEffortLimit[place] = generator.uniform(0.7, 2.0) * (float(np.abs(run.T[:, column]).max()) + 0.01)

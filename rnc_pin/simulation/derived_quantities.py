@@ -6,7 +6,7 @@ Top views show bodies that move on the ground: those with wheels, runners or bal
 from __future__ import annotations
 
 import platform
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -26,6 +26,7 @@ from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import run_info
 from rnc_pin.simulation.run_data import GOALS, Grounds, Record, blocks
+from rnc_pin.simulation.run_info import Columns
 from rnc_pin.simulation.trajectory import Trajectory
 from rnc_pin.version import __version__
 
@@ -54,12 +55,11 @@ def derive(record: Record, info: run_info.RunInfo) -> Trajectory:
     filled = np.isnan(signals["x2_desired"]).all(axis=0) & ~np.isnan(rates).any(axis=0)
     signals["x2_desired"][:, filled] = _integrated(signals["x2"][:, filled], rates[:, filled], time)
     forces = _Forces.of(record, switching=bool(info.phases))
-    quantities = _quantities(record, forces, signals)
-    # Forces that the plant states itself replace those of its model.
-    # Both leave the signals: without units the plant has stated nothing, and the derived forces stay.
+    # Forces that the plant states itself replace those of its model; without units it has stated nothing.
     stated = {kind: signals.pop(kind) for kind in record.own_forces}
+    quantities = _quantities(record, forces, signals)
     quantities |= {kind: stated[kind] for kind, units in record.own_forces.items() if units}
-    info = replace(info, outputs=_names(record, forces), goals=goals)
+    info = replace(info, outputs=forces.outputs, goals=goals)
     return Trajectory(**signals, **quantities, info=info, grounds=Grounds(reduced))
 
 
@@ -73,60 +73,40 @@ def output_names(reduced: ReducedModel) -> run_info.OutputNames:
     Args:
         reduced: the model.
     """
+    robot = reduced.robot
+    multipliers, contact_forces = (
+        Columns(tuple(rows.names), tuple(run_info.FORCE_UNITS.get(unit, "") for unit in rows.units))
+        for rows in (reduced.constraints, reduced.all_constraints)
+    )
     return run_info.OutputNames(
-        x1=columns_of(reduced.vertical),
-        x2=columns_of(reduced.reducing),
-        T=tuple(reduced.actuation.names),
-        T_units=tuple(reduced.actuation.units),
-        multipliers=tuple(reduced.constraints.names),
-        contact_forces=tuple(reduced.all_constraints.names),
-        v=tuple(reduced.robot.velocity_names),
-        v_units=tuple(reduced.robot.velocity_units),
-        q=tuple(name for name, _ in reduced.robot.configuration_entries),
-        q_units=tuple(unit for _, unit in reduced.robot.configuration_entries),
-        multipliers_units=tuple(run_info.FORCE_UNITS.get(unit, "") for unit in reduced.constraints.units),
-        contact_forces_units=tuple(run_info.FORCE_UNITS.get(unit, "") for unit in reduced.all_constraints.units),
+        x1=_columns_of(reduced.vertical),
+        x2=_columns_of(reduced.reducing),
+        T=Columns(tuple(reduced.actuation.names), tuple(reduced.actuation.units)),
+        multipliers=multipliers,
+        contact_forces=contact_forces,
+        q=_columns(dict(robot.configuration_entries)),
+        v=Columns(tuple(robot.velocity_names), tuple(robot.velocity_units)),
+        ground_poses=Columns(tuple(body.name for body in ground_bodies(reduced))),
     )
 
 
-def columns_of(outputs: OutputStack) -> run_info.Columns:
-    """Names, units and coordinate types of outputs.
-
-    Args:
-        outputs: vertical or reducing outputs of a model.
-    """
+def _columns_of(outputs: OutputStack) -> Columns:
+    """Names, units and coordinate types of outputs."""
     # Units of outputs that are rates: a run has the integrals of quasi-velocities.
     units = tuple(unit.removesuffix("/s") for unit in outputs.units)
     angular, quasi = (tuple(each.tolist()) for each in (outputs.angular, outputs.quasi))
-    return run_info.Columns(tuple(outputs.names), units, angular, tuple(outputs.coordinates.rotations), quasi)
+    return Columns(tuple(outputs.names), units, angular, tuple(outputs.coordinates.rotations), quasi)
+
+
+def _columns(units: Mapping[str, str]) -> Columns:
+    """Columns with their units by name."""
+    return Columns(tuple(units), tuple(units.values()))
 
 
 def versions() -> dict[str, str]:
     """Versions of the software that a result depends on."""
     packages = {"rnc_pin": __version__, "pin": pin.__version__, "numpy": np.__version__}
     return {**packages, "python": platform.python_version()}
-
-
-def _names(record: Record, forces: _Forces) -> run_info.OutputNames:
-    """Names and units of the columns of all arrays."""
-    # A plant may have rows that the controller does not know; their units come from it.
-    own = [output_names(model) for model in dict.fromkeys([record.reduced, *record.plant_models])]
-    units = {
-        name: unit for each in own for name, unit in zip(each.contact_forces, each.contact_forces_units, strict=True)
-    }
-    normal, contact = record.own_forces["normal_forces"], record.own_forces["contact_forces"]
-    units |= contact
-    contact_forces = tuple(contact) or forces.contact_forces
-    return replace(
-        own[0],
-        normal_forces=tuple(normal) or forces.normal_forces,
-        contact_forces=contact_forces,
-        multipliers=forces.multipliers,
-        multipliers_units=tuple(units[name] for name in forces.multipliers),
-        contact_forces_units=tuple(units[name] for name in contact_forces),
-        friction_used=record.contacts,
-        ground_poses=tuple(body.name for body in ground_bodies(record.reduced)),
-    )
 
 
 def _goals(reduced: ReducedModel, signals: dict[str, Array]) -> tuple[str, ...]:
@@ -157,47 +137,51 @@ def _integrated(values: Array, rates: Array, time: Array) -> Array:
 
 
 class _Forces(NamedTuple):
-    """Names of the columns of forces.
+    """Columns of a run, and the models of its plant.
 
     Attributes:
-        multipliers, contact_forces: names of the kept rows and of all rows.
-        normal_forces: names of the contacts with a normal force; empty if no model of the plant is known.
-        normal: normal forces of the models of the plant.
+        outputs: names and units of the columns of all arrays.
+        normal: normal forces of the models of the plant; empty if no model of the plant is known.
         switching: True if rows appear and vanish: they have zeros while they do not act.
     """
 
-    multipliers: tuple[str, ...]
-    contact_forces: tuple[str, ...]
-    normal_forces: tuple[str, ...]
+    outputs: run_info.OutputNames
     normal: dict[ReducedModel, NormalForces]
     switching: bool
 
     @classmethod
     def of(cls, record: Record, switching: bool) -> _Forces:
         """Columns of the controller's model, or of all models of a plant whose contacts switch."""
-        known = record.plant_models
+        every = list(dict.fromkeys([record.reduced, *record.plant_models]))
         # Contacts that switch have a model each: a run has the columns of all of them.
-        models = list(dict.fromkeys([record.reduced, *known])) if switching else [record.reduced]
+        models = every if switching else every[:1]
         # Only of a known plant: the forces that hold the controller's model may not be those of the robot.
-        normal = {model: NormalForces(model) for model in dict.fromkeys([*models, *known] if known else [])}
-        multipliers = _union(model.constraints.names for model in models)
-        contact_forces = _union(model.all_constraints.names for model in models)
-        normal_forces = _union(normal[model].names for model in models if model in normal)
-        return cls(multipliers, contact_forces, normal_forces, normal, switching)
+        normal = {model: NormalForces(model) for model in every} if record.plant_models else {}
+        own = [output_names(model) for model in models]
+        contacts = [name for model in models if model in normal for name in normal[model].names]
+        found = {
+            "multipliers": _union(each.multipliers for each in own),
+            "contact_forces": _union(each.contact_forces for each in own),
+            "normal_forces": _columns(dict.fromkeys(contacts, "N")),
+            "friction_used": _columns(dict.fromkeys(record.contacts, "-")),
+        }
+        found |= {kind: _columns(units) for kind, units in record.own_forces.items() if units}
+        return cls(replace(own[0], **found), normal, switching)
 
 
-def _union(names: Iterable[Sequence[str]]) -> tuple[str, ...]:
-    """All names once, in the order of their first."""
-    return tuple(dict.fromkeys(name for each in names for name in each))
+def _union(columns: Iterable[Columns]) -> Columns:
+    """All columns once, in the order of their first."""
+    return _columns({name: unit for each in columns for name, unit in zip(each.names, each.units, strict=True)})
 
 
 def _quantities(record: Record, forces: _Forces, signals: dict[str, Array]) -> dict[str, Array]:
     """Forces, energy and residuals along a run, (N, ...) each, in blocks of samples."""
-    reduced, kept, bodies = record.reduced, len(forces.multipliers), ground_bodies(record.reduced)
+    reduced, outputs, bodies = record.reduced, forces.outputs, ground_bodies(record.reduced)
+    kept = outputs.multipliers.names
     sizes = {
-        "F": (reduced.r,), "multipliers": (kept,), "contact_forces": (len(forces.contact_forces),),
-        "normal_forces": (len(forces.normal_forces),), "slip": (kept,), "energy": (), "constraint_residual": (),
-        "position_residual": (), "singular_value": (), "ground_poses": (3 * len(bodies),),
+        "F": (reduced.r,), "multipliers": (len(kept),), "contact_forces": (len(outputs.contact_forces.names),),
+        "normal_forces": (len(outputs.normal_forces.names),), "slip": (len(kept),), "energy": (),
+        "constraint_residual": (), "position_residual": (), "singular_value": (), "ground_poses": (3 * len(bodies),),
     }  # fmt: skip
     derived = {name: np.empty((record.count, *size)) for name, size in sizes.items()}
     forces_of_plant = record.external
@@ -218,7 +202,7 @@ def _quantities(record: Record, forces: _Forces, signals: dict[str, Array]) -> d
             # Residuals are those of the controller's rows. Where the plant's rows come and go, those of its own.
             at, rows = (own, plant) if forces.switching else (seen, reduced)
             residual = at.residual
-            derived["slip"][block] = _by_name(forces.multipliers, rows.constraints.names, residual, 0.0)
+            derived["slip"][block] = _by_name(kept, rows.constraints.names, residual, 0.0)
             derived["constraint_residual"][block] = np.abs(residual).max(axis=-1, initial=0.0)
             derived["position_residual"][block] = np.abs(rows.assembly.residual(q, t)).max(axis=-1, initial=0.0)
     return derived
@@ -241,15 +225,18 @@ def _contact_quantities(
     # Contact forces do not depend on the choice of outputs, nor on their singularities.
     data = plant.reduction_data.in_entries(tuple(best_entries(own.A[0], plant.r)), free=True)
     moved = own.in_reduction(evaluator_for(data, plant.evaluator))
-    missing, pushing = 0.0 if forces.switching else np.nan, np.zeros((len(T), 0))
-    if forces.normal_forces:
+    found = {
+        "multipliers": (plant.constraints.names, moved.multipliers(T, external)),
+        "contact_forces": (plant.all_constraints.names, moved.contact_forces(T, external)),
+        "normal_forces": ((), np.zeros((len(T), 0))),
+    }
+    if forces.outputs.normal_forces.names and plant in forces.normal:
         normal = forces.normal[plant]
-        pushing = _by_name(forces.normal_forces, normal.names, normal.at(moved, T, external), missing)
-    kept, every = plant.constraints.names, plant.all_constraints.names
+        found["normal_forces"] = normal.names, normal.at(moved, T, external)
+    missing = 0.0 if forces.switching else np.nan
     return {
-        "multipliers": _by_name(forces.multipliers, kept, moved.multipliers(T, external), missing),
-        "contact_forces": _by_name(forces.contact_forces, every, moved.contact_forces(T, external), missing),
-        "normal_forces": pushing,
+        kind: _by_name(getattr(forces.outputs, kind).names, names, values, missing)
+        for kind, (names, values) in found.items()
     }
 
 

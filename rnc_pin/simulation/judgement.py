@@ -18,8 +18,8 @@ from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.simulation.limit_replay import ROUNDING, Clearance, LimitReplay, LimitUse, replay_limits
-from rnc_pin.simulation.run_data import RunData, blocks
-from rnc_pin.simulation.run_info import FORCE_UNITS, Outcome
+from rnc_pin.simulation.run_data import RunData, blocks, columns_of_array
+from rnc_pin.simulation.run_info import Outcome
 from rnc_pin.verdict import GOAL_TOLERANCE, MOSTLY, SHORTFALL, Finding, FindingKind, Severity, Verdict
 
 if TYPE_CHECKING:  # a run without friction of the ground starts without it
@@ -164,7 +164,7 @@ def _exceeded(use: LimitUse) -> Finding:
 
 def _contacts(run: RunData, grip: Grip | None, reduced: ReducedModel | None) -> Iterator[Finding]:
     """Findings of contacts that pull, that need more friction than is stated, or that slide at its limit."""
-    names = run.info.outputs.normal_forces
+    names = run.info.outputs.normal_forces.names
     normal = grip.normal if grip is not None else None if reduced is None or not names else NormalForces(reduced)
     # Friction may be used up at any time, while a contact lifts off only where its load is small.
     inside = forces_inside(run, normal, every=grip is not None)
@@ -194,7 +194,7 @@ def forces_inside(run: RunData, normal: NormalForces | None, every: bool = False
     """
     outputs = run.info.outputs
     # Of a plant with contacts of its own the model here knows nothing between the samples.
-    if normal is None or (normal.names, normal.rows) != (outputs.normal_forces, outputs.contact_forces):
+    if normal is None or (normal.names, normal.rows) != (outputs.normal_forces.names, outputs.contact_forces.names):
         return []
     chosen = np.arange(len(run.time) - 1) if every else near_lift_off(run.normal_forces)
     known = (run.q, run.v, run.T), run.contact_forces, run.normal_forces
@@ -230,7 +230,7 @@ def _slips(run: RunData) -> Iterator[Finding]:
     used, slip = np.nan_to_num(run.friction_used), np.abs(np.nan_to_num(run.slip))
     # A plant that knows the speed tells what slides; of others only the use of friction is known.
     slides = np.where(np.isnan(run.slip_speed), used > _AT_LIMIT, run.slip_speed > _CREEP)
-    for column, name in enumerate(run.info.outputs.friction_used if len(used) else ()):
+    for column, name in enumerate(run.info.outputs.friction_used.names if len(used) else ()):
         share = float(slides[:, column].mean())
         # One finding a contact: more than its friction is worse than sliding at it.
         if used[:, column].max() > _SLIPS:
@@ -242,12 +242,11 @@ def _slips(run: RunData) -> Iterator[Finding]:
                 f"{100 * share:.3g} % of the samples, first at t = {first:.2f} s"
             )
             yield Finding(FindingKind.SLIP, name, share, "", first, _graded(share > _MOMENT), message)
-    for column, name in enumerate(run.info.outputs.multipliers if len(slip) else ()):
+    for column, name in enumerate(run.info.outputs.multipliers.names if len(slip) else ()):
         most = int(slip[:, column].argmax())
         speed, time = float(slip[most, column]), float(run.time[most])
         if speed > _SLIDING:
-            force = dict(zip(run.info.outputs.multipliers, run.info.outputs.multipliers_units, strict=False)).get(name)
-            unit = next((rate for rate, each in FORCE_UNITS.items() if each == force), "")
+            unit = columns_of_array(run, "slip")[column].unit
             message = f"row '{name}' slips by up to {f'{speed:.3g} {unit}'.rstrip()}, at t = {time:.2f} s"
             yield Finding(FindingKind.SLIP, name, speed, unit, time, Severity.DEGRADES, message)
 
@@ -280,7 +279,7 @@ def _saturation(run: RunData, replay: LimitReplay) -> Iterator[Finding]:
     """Findings of actuators that are at their bound for a large part of the run."""
     # A limit of zero is kept at rest, which is no saturation.
     limits = {use.name: use.limit for use in replay.uses if use.kind == "effort" and use.limit > 0}
-    for column, name in enumerate(run.info.outputs.T):
+    for column, name in enumerate(run.info.outputs.T.names):
         if name not in limits or not len(run.time):
             continue
         used = np.abs(np.nan_to_num(run.T[:, column])) / limits[name]
@@ -299,10 +298,11 @@ def _reversals(run: RunData, replay: LimitReplay) -> Iterator[Finding]:
     The size of such a reversal is the smallest of its four changes, as a share of the limit.
     """
     limits: dict[tuple[str, str], float] = {(use.kind, use.name): use.limit for use in replay.uses if use.limit > 0}
+    outputs = run.info.outputs
     signals = [
         (kind, name, column / limits[kind, name])
-        for kind, columns, values in (("effort", run.info.outputs.T, run.T), ("velocity", run.info.outputs.v, run.v))
-        for name, column in zip(columns, values.T, strict=False)
+        for kind, columns, values in (("effort", outputs.T, run.T), ("velocity", outputs.v, run.v))
+        for name, column in zip(columns.names, values.T, strict=False)
         if (kind, name) in limits
     ]
     last = len(run.time) - 4

@@ -338,7 +338,7 @@ def _efforts(robot: Robot, run: RunData, others: Mapping[str, float]) -> Iterato
     """
     limits = robot.model.upperEffortLimit
     stated = limits[(limits > 0) & (limits < NO_LIMIT)]
-    for column, name in enumerate(run.info.outputs.T):
+    for column, name in enumerate(run.info.outputs.T.names):
         # Forces on frames are actuators without a joint, so the file cannot limit them.
         if name in others:
             yield _Limited("effort", name, run.T[:, column], -others[name], others[name], others[name])

@@ -22,7 +22,7 @@ from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.plant import PlantReport
-from rnc_pin.simulation.run_info import FORCE_UNITS, Outcome, OutputNames, RunInfo
+from rnc_pin.simulation.run_info import FORCE_UNITS, RATE_UNITS, Columns, Outcome, OutputNames, RunInfo
 from rnc_pin.verdict import Verdict
 
 GOALS = ("v2_desired", "x1_desired", "x2_desired")
@@ -400,21 +400,17 @@ def _check(arrays: dict[str, np.ndarray], outputs: OutputNames) -> None:
         depth = 1 if name in SERIES_UNITS else 2
         if array.dtype.kind != "f" or array.ndim != depth or len(array) != arrays["time"].size:
             raise ConfigurationError(f"'{name}' has shape {array.shape}")
-    for kind in ("x1", "x2"):
-        columns = outputs.of(kind)
-        if {len(columns.names), len(columns.units), len(columns.angular)} != {arrays[kind].shape[1]}:
+    for kind in (each.name for each in fields(OutputNames)):
+        columns: Columns = getattr(outputs, kind)
+        count, width = len(columns.names), arrays[kind].shape[1]
+        is_output, per_name = kind in ("x1", "x2"), 3 if kind == "ground_poses" else 1
+        # Others may have no names, but inputs and bodies are looked up by them.
+        named = per_name * count == width or (count == 0 and kind not in ("x1", "x2", "T", "ground_poses"))
+        if not named or (is_output and not len(columns.units) == len(columns.angular) == width):
             raise ConfigurationError(f"'meta' does not name the columns of '{kind}'")
         # None of them: a file of a run without quasi-velocities leaves the flags out.
-        if len(columns.quasi) not in (0, len(columns.names)):
-            raise ConfigurationError(f"'meta' does not name the quasi-velocities of '{kind}'")
-    for kind in ("T", "multipliers", "contact_forces", "q", "v"):
-        names, units = getattr(outputs, kind), getattr(outputs, f"{kind}_units")
-        if len(names) not in ({arrays[kind].shape[1]} if kind == "T" else {0, arrays[kind].shape[1]}):
-            raise ConfigurationError(f"'meta' does not name the columns of '{kind}'")
-        if len(units) not in (0, len(names)):
-            raise ConfigurationError(f"'meta' does not have the units of the columns of '{kind}'")
-    if 3 * len(outputs.ground_poses) != arrays["ground_poses"].shape[1]:
-        raise ConfigurationError("'meta' does not name the columns of 'ground_poses'")
+        if not {len(columns.units), len(columns.quasi)} <= {0, count}:
+            raise ConfigurationError(f"'meta' does not have units or kinds of all columns of '{kind}'")
     # All other arrays may have NaN, where a plant or a controller does not know a value.
     if not all(np.isfinite(arrays[name]).all() for name in ("time", "q", "v2")):
         raise ConfigurationError("it holds values that are not finite")
@@ -449,36 +445,31 @@ def columns_of_array(run: RunData, array: str) -> list[Column]:
 
 def _named(info: RunInfo, array: str) -> list[Column]:
     """Columns of an array with two dimensions; none without names."""
-    outputs, origin = info.outputs, info.provenance
-    if array in ("x1", "x2", "x1_desired", "x2_desired", "v1", "v2", "v2_desired", "F"):
-        of = outputs.of("x1" if array in ("x1", "x1_desired", "v1") else "x2")
-        units = [unit or "-" for unit in of.units]
-        if array.startswith("v"):
-            units = [f"{'1' if unit == '-' else unit}/s" for unit in units]
-        elif array == "F":
-            units = [FORCE_UNITS.get(f"{unit}/s", "") for unit in units]
-        return [Column(*pair) for pair in zip(of.names, units, strict=True)]
+    origin = info.provenance
     if array in ("estimates", "prediction_error"):
         named = origin.estimates if array == "estimates" else origin.predicted
         return [Column(name, unit or "-") for name, unit in named.items()]
+    source = _NAMED_AS.get(array, array)
+    columns: Columns = getattr(info.outputs, source)
     if array == "ground_poses":
         parts = (("x", "m"), ("y", "m"), ("heading", "rad"))
-        return [Column(f"{name}.{part}", unit) for name in outputs.ground_poses for part, unit in parts]
-    if array in _CONSTANT_UNITS:
-        names = getattr(outputs, "friction_used" if array == "slip_speed" else array)
-        return [Column(name, _CONSTANT_UNITS[array]) for name in names]
-    source = {"v_measured": "v", "slip": "multipliers"}.get(array, array)
-    units = _units(outputs, source)
-    if array == "slip":
-        # A slip is the rate of the row whose multiplier is this force.
-        rates = {force: rate for rate, force in FORCE_UNITS.items()}
-        units = [rates.get(unit, "") for unit in units]
-    return [Column(*pair) for pair in zip(getattr(outputs, source), units, strict=True)]
+        return [Column(f"{name}.{part}", unit) for name in columns.names for part, unit in parts]
+    units = list(columns.units or [""] * len(columns.names))
+    if source in ("x1", "x2"):
+        units = [unit or "-" for unit in units]
+    if array in ("v1", "v2", "v2_desired"):
+        units = [f"{'1' if unit == '-' else unit}/s" for unit in units]
+    elif array == "F":
+        units = [FORCE_UNITS.get(f"{unit}/s", "") for unit in units]
+    elif array == "slip":
+        units = [RATE_UNITS.get(unit, "") for unit in units]
+    elif array == "slip_speed":
+        units = ["m/s"] * len(units)
+    return [Column(*pair) for pair in zip(columns.names, units, strict=True)]
 
 
-def _units(outputs: OutputNames, array: str) -> list[str]:
-    names, units = getattr(outputs, array), getattr(outputs, f"{array}_units")
-    return list(units) if len(units) == len(names) else [""] * len(names)
-
-
-_CONSTANT_UNITS = {"friction_used": "-", "slip_speed": "m/s", "normal_forces": "N"}
+_NAMED_AS = {
+    "x1_desired": "x1", "v1": "x1", "x2_desired": "x2", "v2": "x2", "v2_desired": "x2", "F": "x2", "v_measured": "v",
+    "slip": "multipliers", "slip_speed": "friction_used",
+}  # fmt: skip
+"""Arrays whose columns have the names of another array."""

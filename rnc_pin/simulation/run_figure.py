@@ -41,7 +41,7 @@ def ground_paths(run: RunData) -> list[GroundPath]:
     poses = [run.ground_poses[:, start : start + 3] for start in range(0, run.ground_poses.shape[1], 3)]
     bodies = [
         GroundPath(name, pose[:, :2], pose[:, 2] if np.isfinite(pose[:, 2]).all() else None)
-        for name, pose in zip(run.info.outputs.ground_poses, poses, strict=True)
+        for name, pose in zip(run.info.outputs.ground_poses.names, poses, strict=True)
     ]
     frames = _frames(run, bodies)
     scale = max([MIN_HALF_SIZE, *(each.extent for each in (*bodies, *frames))])
@@ -154,7 +154,7 @@ def _label_names(run: RunData, comparisons: Others) -> list[str]:
     """Names that labels of the figures of a run can replace: axes, lines, paths and runs."""
     words = [word for make in QUANTITIES.values() for panel in make(run, comparisons) for word in panel.words]
     outputs, origin = run.info.outputs, run.info.provenance
-    named = [*outputs.x2.names, *outputs.x1.names, *outputs.T, *origin.estimates, *origin.predicted]
+    named = [*outputs.x2.names, *outputs.x1.names, *outputs.T.names, *origin.estimates, *origin.predicted]
     return [*named, *words, *(path.name for path in compared_paths(run, comparisons).own), *comparisons, *_FIXED]
 
 
@@ -370,7 +370,7 @@ def _in_si(unit: str) -> tuple[float, str]:
 def _normal_forces(run: RunData, others: Others) -> list[Panel]:
     """Panels of the normal forces of the contacts; a contact with a negative force would lift off."""
     axis, found = _Axis("normal force", "N"), list[Panel]()
-    lines = [_Line(name, "normal_forces", k, axis) for k, name in enumerate(run.info.outputs.normal_forces)]
+    lines = [_Line(name, "normal_forces", k, axis) for k, name in enumerate(run.info.outputs.normal_forces.names)]
     for panel in _panels(run, {}, lines):
         lifts = any(float(np.nanmin(each.values, initial=0.0)) < 0.0 for each in panel.series)
         note = "below zero: would lift off" if lifts else panel.note

@@ -22,6 +22,8 @@ _Record = TypeVar("_Record", bound="DataclassInstance")
 _Schema = dict[str, object]
 FORCE_UNITS = {"m/s": "N", "rad/s": "N m", "kg m/s": "m/s^2", "N m s": "rad/s^2"}
 """Unit of the multiplier of a row by the unit of its rate, or of its momentum."""
+RATE_UNITS = {force: rate for rate, force in FORCE_UNITS.items()}
+"""The inverse: unit of the slip of a row by the unit of its multiplier."""
 
 
 class _Strict:
@@ -68,10 +70,10 @@ class Outcome(StrEnum):
 @printed()
 @dataclass(frozen=True)
 class Columns:
-    """Metadata of the columns of the vertical or the reducing outputs.
+    """Metadata of the columns of an array; outputs have kinds of coordinates, too.
 
     Attributes:
-        names, units: names and units of the outputs; for a quasi-velocity, the unit of its integral.
+        names, units: names and units; "-" for numbers, "" if unknown. A quasi-velocity has the unit of its integral.
         angular: True for angles.
         rotations: first columns of rotation vectors.
         quasi: True for integrals of quasi-velocities; empty if there are none.
@@ -110,28 +112,20 @@ class OutputNames:
         q: entries of the configuration.
         v: velocities of the robot.
         friction_used: contacts with friction.
-        ground_poses: bodies that move on the ground.
+        ground_poses: bodies that move on the ground; they have no units.
         normal_forces: contacts with a normal force.
-        T_units: "N" or "N m" per actuator, "" if unknown; empty without names, as the tuples below.
-        multipliers_units, contact_forces_units: the same per constraint row.
-        q_units, v_units: units of the entries of configuration and velocity, "-" for numbers.
     """
 
     x1: Columns = Columns()
     x2: Columns = Columns()
-    T: tuple[str, ...] = ()
-    multipliers: tuple[str, ...] = ()
-    contact_forces: tuple[str, ...] = ()
-    q: tuple[str, ...] = ()
-    v: tuple[str, ...] = ()
-    friction_used: tuple[str, ...] = ()
-    ground_poses: tuple[str, ...] = ()
-    normal_forces: tuple[str, ...] = ()
-    T_units: tuple[str, ...] = ()
-    multipliers_units: tuple[str, ...] = ()
-    contact_forces_units: tuple[str, ...] = ()
-    q_units: tuple[str, ...] = ()
-    v_units: tuple[str, ...] = ()
+    T: Columns = Columns()
+    multipliers: Columns = Columns()
+    contact_forces: Columns = Columns()
+    q: Columns = Columns()
+    v: Columns = Columns()
+    friction_used: Columns = Columns()
+    ground_poses: Columns = Columns()
+    normal_forces: Columns = Columns()
 
     def of(self, kind: str) -> Columns:
         """Columns of "x1" or "x2".
@@ -335,15 +329,10 @@ class RunInfo:
 
     def to_json(self) -> dict[str, Json]:
         """Return the JSON form."""
-        outputs = self.outputs
-        columns: dict[str, dict[str, object]] = {
-            part: {"x1": getattr(outputs.x1, part), "x2": getattr(outputs.x2, part)} for part in _names(Columns)
-        }
-        # Names of all arrays share one mapping in a file, and so do their units.
-        columns["names"] |= {array: getattr(outputs, array) for array in _OTHER_ARRAYS}
-        columns["units"] |= {array: getattr(outputs, f"{array}_units") for array in _WITH_UNITS}
+        # Names of all arrays share one mapping in a file, and so do their units; only outputs have more.
+        arrays = {part: _names(OutputNames) if part in ("names", "units") else ["x1", "x2"] for part in _names(Columns)}
         content: dict[str, object] = {
-            **columns,
+            **{part: {each: getattr(getattr(self.outputs, each), part) for each in arrays[part]} for part in arrays},
             "goals": self.goals,
             "dt": self.dt,
             "versions": self.versions,
@@ -368,13 +357,11 @@ class RunInfo:
         needed = ("names", "units", "angular")
         if not isinstance(content, Mapping) or not all(isinstance(content.get(part), Mapping) for part in needed):
             raise ConfigurationError("'meta' does not name the outputs")
-        columns = _read(_ColumnNames, content)
-        x1, x2 = (
-            Columns(**{part: getattr(columns, part).get(kind, ()) for part in _names(Columns)}) for kind in ("x1", "x2")
-        )
-        others = {array: columns.names.get(array, ()) for array in _OTHER_ARRAYS}
-        units = {f"{array}_units": columns.units.get(array, ()) for array in _WITH_UNITS}
-        outputs = OutputNames(x1, x2, **others, **units)
+        parts = _read(_ColumnNames, content)
+        outputs = OutputNames(*(
+            Columns(*(getattr(parts, part).get(array, ()) for part in _names(Columns)))
+            for array in _names(OutputNames)
+        ))  # fmt: skip
         return _read(cls, {**content, "outputs": outputs, "provenance": Provenance.from_json(content)})
 
 
@@ -411,11 +398,6 @@ def provenance_of(meta: Provenance | Mapping[str, Json] | None) -> Provenance:
 
 def _names(record: DataclassInstance | type[DataclassInstance]) -> list[str]:
     return [each.name for each in fields(record)]
-
-
-# Of the fields: a name without its array here would be lost on the way through a file, without an error.
-_OTHER_ARRAYS = [name for name in _names(OutputNames) if name not in ("x1", "x2") and not name.endswith("_units")]
-_WITH_UNITS = [name for name in _OTHER_ARRAYS if f"{name}_units" in _names(OutputNames)]
 
 
 @cache

@@ -140,12 +140,12 @@ def summarize(trajectory: RunData, wall_time: float | None = None) -> Summary:
     errors = {name: error[~np.isnan(error)] for name, error in tracking_errors(trajectory).items()}
     duration = float(trajectory.time[-1]) if len(trajectory.time) else 0.0
     balance = trajectory.energy - trajectory.work
-    names, grounds = info.outputs.normal_forces, trajectory.grounds
+    names, grounds = info.outputs.normal_forces.names, trajectory.grounds
     inside = forces_inside(trajectory, NormalForces(grounds.reduced)) if names and grounds is not None else ()
     lifted = first_lift_off(trajectory.time, trajectory.normal_forces, names, inside)
     outputs = info.outputs.x2.names + info.outputs.x1.names
     values = zip(outputs, (*trajectory.x2.T, *trajectory.x1.T), strict=True)
-    inputs = zip(info.outputs.T, trajectory.T.T, strict=True)
+    inputs = zip(info.outputs.T.names, trajectory.T.T, strict=True)
     summary: Summary = {
         "scenario": info.provenance.scenario,
         "outcome": str(trajectory.outcome),
@@ -225,7 +225,7 @@ class PrintedSummary(SummaryMixin, dict[str, object]):
     def _described(self, key: str, value: object) -> Sequence[Item]:
         if isinstance(value, Mapping) and all(isinstance(each, float) for each in value.values()):
             outputs = self._outputs
-            units = dict(zip(outputs.T, outputs.T_units, strict=False)) if key == "max_input" else self.units
+            units = dict(zip(outputs.T.names, outputs.T.units, strict=False)) if key == "max_input" else self.units
             return [Item(name, f"{each:.4g} {units.get(name, '')}".rstrip()) for name, each in value.items()]
         return described(value)
 

@@ -250,7 +250,7 @@ class RunScene:
         rows, acting = RowStack(list(blocks.values())), np.nan_to_num(run.multipliers).any(axis=0)
         columns = {
             rows.names.index(name): column
-            for column, name in enumerate(self.outputs.multipliers)
+            for column, name in enumerate(self.outputs.multipliers.names)
             if name in rows.names and name not in kept and acting[column]
         }
         return self._forces(SceneKinematics(self.robot, rows), columns, "switching ")

@@ -113,7 +113,7 @@ def test_a_run_names_the_first_contact_that_would_lift_off(base):
     still = NormalForces(reduced).at(reduced.at(q, np.zeros(2)), np.zeros(2))[2]
     assert found["force"] == pytest.approx(-0.5 * still, rel=1e-9)
     assert found["lowest"] <= found["force"]
-    assert lifted.info.outputs.normal_forces == ("left_wheel", "right_wheel", "nose")
+    assert lifted.info.outputs.normal_forces.names == ("left_wheel", "right_wheel", "nose")
     np.testing.assert_allclose(lifted.normal_forces.sum(axis=1), 215.82, rtol=1e-6)
     # The product of speed and yaw rate rises and falls in one sample; its quarters are judged, to 1 % of the weight.
     coarse, fine = (rnc.simulate(reduced, Inputs(lambda _: [-18, -6]), q, 0.4, dt, v2_0=[30, 30]) for dt in (0.4, 0.01))

@@ -56,7 +56,7 @@ def test_chosen_arrays_are_written_after_the_time(run, tmp_path):
 def test_files_keep_the_names_and_those_without_have_numbers(run, tmp_path):
     run.save(tmp_path / "run.npz")
     assert rnc.Trajectory.load(tmp_path / "run.npz").info.outputs == run.info.outputs
-    unnamed = replace(run, info=replace(run.info, outputs=replace(run.info.outputs, q=(), q_units=())))
+    unnamed = replace(run, info=replace(run.info, outputs=replace(run.info.outputs, q=rnc.simulation.Columns())))
     unnamed.export(tmp_path / "run.csv", ["q"])
     header = (tmp_path / "run.csv").read_text().splitlines()[0]
     assert header == "time [s]," + ",".join(f"q.{k}" for k in range(7))

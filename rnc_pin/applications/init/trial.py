@@ -205,7 +205,7 @@ def kept_share(trajectory: Trajectory, replay: LimitReplay, *, at_rest: bool) ->
         at_rest: True if it starts at rest, so that its first efforts are those at rest.
     """
     # The first sample stands at the start, before the reference moves.
-    resting = dict(zip(trajectory.info.outputs.T, np.abs(trajectory.T[0]), strict=True)) if at_rest else {}
+    resting = dict(zip(trajectory.info.outputs.T.names, np.abs(trajectory.T[0]), strict=True)) if at_rest else {}
     share = 1.0
     spared = 0.9  # share of a limit that a reduced motion aims at
     for use in replay.violations:

@@ -184,8 +184,8 @@ def _grip(experiment: Experiment, run: Trajectory) -> Grip | None:
             grip = Grip(reduced, program.friction)
     names = run.info.outputs
     # Recorded forces belong to the rows of this model, or none can be compared: a plant with contacts has others.
-    same = grip is not None and names.normal_forces == grip.normal.names
-    return grip if same and names.contact_forces == reduced.all_constraints.names else None
+    same = grip is not None and names.normal_forces.names == grip.normal.names
+    return grip if same and names.contact_forces.names == reduced.all_constraints.names else None
 
 
 def _asked(experiment: Experiment) -> float | None:

@@ -94,7 +94,7 @@ def test_runs_record_the_forces_of_contacts_also_of_open_ones(tmp_path):
     rolls = 2.0 / (7 * friction * G)  # as without the fall: its impact takes as much slip as sliding in that time
     flies, slides, done = run.time < landing, (run.time > landing + 0.02) & (run.time < rolls), run.time > rolls + 0.02
     normal, along = run.normal_forces[:, 0], run.contact_forces[:, 1:3]
-    assert (names.normal_forces, names.contact_forces_units) == (("ball",), ("N",) * 3)
+    assert (names.normal_forces.names, names.contact_forces.units) == (("ball",), ("N",) * 3)
     assert (normal[flies] == 0.0).all()
     assert (run.contact_forces[flies] == 0.0).all()
     assert normal[slides | done] == pytest.approx(mass * G, rel=1e-6)
