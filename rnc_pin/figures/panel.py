@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
@@ -120,17 +120,6 @@ class Labels:
             series: the line.
         """
         return f"integral of {self.text(series.name)}" if series.is_integral else self.text(series.name)
-
-
-def split_names(names: Sequence[str], most: int = MAX_LINES) -> list[list[str]]:
-    """Split names into equal groups of at most ``most``, in their order.
-
-    Args:
-        names: the names, in their order.
-        most: largest size of a group.
-    """
-    count = -(-len(names) // most)
-    return [part.tolist() for part in np.array_split(np.array(names, dtype=object), count)] if count else []
 
 
 Size: TypeAlias = Literal["column", "page"] | tuple[float, float]

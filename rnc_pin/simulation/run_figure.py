@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import groupby
+from types import MappingProxyType
 from typing import NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
@@ -18,7 +19,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rnc_pin.errors import InputError, nearest
-from rnc_pin.figures.panel import AXIS_NAMES, INTEGRAL_NAMES, MAX_LINES, Labels, Panel, Series, Sheet, Size, split_names
+from rnc_pin.figures.panel import AXIS_NAMES, INTEGRAL_NAMES, MAX_LINES, Labels, Panel, Series, Sheet, Size
 from rnc_pin.figures.panel_figure import MIN_HALF_SIZE, GroundPath, GroundPaths, PlaneView, draw_paths, panel_figure
 from rnc_pin.figures.style import LegendEntry
 from rnc_pin.simulation.run_data import PLOTTED_QUANTITIES, TOP_VIEW, RunData, columns_of_array, tracking_errors
@@ -257,12 +258,13 @@ def _panels(run: RunData, others: Others, lines: Sequence[_Line], all_lines: boo
             # Those that move most tell most; a constant one would only fill the legend.
             most = sorted(group, key=lambda line: -float(np.ptp(line.values(run))))[:count]
             shown, note = [line for line in group if line in most], f"{count} of {len(group)}, moving most"
-        named = {line.name: line for line in shown}
-        parts = [list(named)]
+        parts = [shown]
         if len(shown) > room:
-            parts = [[line.name for line in shown if bool(line.goals) is wanted] for wanted in (True, False)]
-        for names in (names for part in parts for names in split_names(part, room)):
-            found.append(Panel(*axis, tuple(named[name].series(run, others) for name in names), note))
+            parts = [[line for line in shown if bool(line.goals) is wanted] for wanted in (True, False)]
+        for part in filter(None, parts):
+            # Panels of equal size, in the order of the lines.
+            for places in np.array_split(np.arange(len(part)), -(-len(part) // room)):
+                found.append(Panel(*axis, tuple(part[k].series(run, others) for k in places), note))
     return found
 
 
@@ -301,13 +303,9 @@ def _outputs(run: RunData, others: Others) -> list[Panel]:
 
 def _rates(run: RunData, others: Others) -> list[Panel]:
     """Panels of the quasi-velocities, whose integrals are not coordinates of the robot."""
-    goals = np.isfinite(run.v2_desired).any(axis=0)
-    lines = [
-        _Line(name, "v2", k, _Axis(AXIS_NAMES.get(unit, "rate"), unit), goals="v2_desired" if goals[k] else "")
-        for k, (name, unit) in enumerate(columns_of_array(run, "v2"))
-        if run.info.outputs.x2.is_integral(k)
-    ]
-    return _panels(run, others, lines)
+    goals = ["v2_desired" if given else "" for given in np.isfinite(run.v2_desired).any(axis=0)]
+    rates = [line._replace(goals=goals[line.column]) for line in _lines_of(run, "v2", "rate", AXIS_NAMES)]
+    return _panels(run, others, [line for line in rates if run.info.outputs.x2.is_integral(line.column)])
 
 
 def _errors(run: RunData, others: Others) -> list[Panel]:
@@ -336,11 +334,7 @@ def _magnitude(error: np.ndarray) -> np.ndarray:
 
 def _inputs(run: RunData, others: Others) -> list[Panel]:
     """Panels of the actuator inputs by unit, without compared runs, which would hide them."""
-    lines = [
-        _Line(name, "T", k, _Axis(AXIS_NAMES.get(unit, "input"), unit or "-"))
-        for k, (name, unit) in enumerate(columns_of_array(run, "T"))
-    ]
-    return _panels(run, {}, lines)
+    return _panels(run, {}, _lines_of(run, "T", "input", AXIS_NAMES))
 
 
 def learning_panels(run: RunData, others: Others, quantity: str) -> list[Panel]:
@@ -351,11 +345,17 @@ def learning_panels(run: RunData, others: Others, quantity: str) -> list[Panel]:
         others: compared runs by label.
         quantity: "estimates" or "prediction_error".
     """
-    word, lines = "estimate" if quantity == "estimates" else "prediction error", list[_Line]()
-    for k, (name, stated) in enumerate(columns_of_array(run, quantity)):
+    word = "estimate" if quantity == "estimates" else "prediction error"
+    return _panels(run, others, _lines_of(run, quantity, word))
+
+
+def _lines_of(run: RunData, array: str, word: str, words: Mapping[str, str] = MappingProxyType({})) -> list[_Line]:
+    """Lines of all columns of an array, whose axes have the name ``word`` or those by unit in ``words``."""
+    found = []
+    for k, (name, stated) in enumerate(columns_of_array(run, array)):
         factor, unit = _in_si(stated)
-        lines.append(_Line(name, quantity, k, _Axis(word, unit or "-"), factor))
-    return _panels(run, others, lines)
+        found.append(_Line(name, array, k, _Axis(words.get(unit, word), unit or "-"), factor))
+    return found
 
 
 def _in_si(unit: str) -> tuple[float, str]:
@@ -369,9 +369,8 @@ def _in_si(unit: str) -> tuple[float, str]:
 
 def _normal_forces(run: RunData, others: Others) -> list[Panel]:
     """Panels of the normal forces of the contacts; a contact with a negative force would lift off."""
-    axis, found = _Axis("normal force", "N"), list[Panel]()
-    lines = [_Line(name, "normal_forces", k, axis) for k, name in enumerate(run.info.outputs.normal_forces.names)]
-    for panel in _panels(run, {}, lines):
+    found = []
+    for panel in _panels(run, {}, _lines_of(run, "normal_forces", "normal force")):
         lifts = any(float(np.nanmin(each.values, initial=0.0)) < 0.0 for each in panel.series)
         note = "below zero: would lift off" if lifts else panel.note
         found.append(replace(panel, note=note, bottom=None if lifts else 0.0))

@@ -76,9 +76,7 @@ class BoundContact:
         contact: the contact.
         name: frame of the constraint, or its height row.
         names: names of the rows along which it acts: the height row, and rows that prevent slip.
-        friction: number of the rows that prevent slip, and the coefficient, infinite without a limit.
-        has_limit: True if a coefficient limits friction.
-        needs_coefficient: True if it prevents slip without a limit.
+        coefficient: coefficient of friction, infinite without a limit.
 
     Raises:
         ConfigurationError: the constraint has no height row, its ground is not a plane, no joint changes the gap, or
@@ -108,13 +106,11 @@ class BoundContact:
                 f"contact '{self.name}': a {type(kind).__name__} has no rows along the ground for friction; a "
                 "RollingBall has them, also a small one for a corner or a foot"
             )
-        self.has_limit = contact.friction is not None
-        self.needs_coefficient = bool(slips) and contact.friction is None
         # Rows without friction would only make the problem larger.
         slips = [] if contact.friction == 0.0 else slips
         self._order = [self._height, *slips]
         self.names = tuple(rows.names[row] for row in self._order)
-        self.friction = len(slips), np.inf if contact.friction is None else float(contact.friction)
+        self.coefficient = np.inf if contact.friction is None else float(contact.friction)
         kinematics, generator = Kinematics(robot), np.random.default_rng(0)
         samples = 3  # random configurations: a joint that changes the gap does so at almost all
         moments = (kinematics.position(robot.random_configuration(generator)) for _ in range(samples))
@@ -149,15 +145,6 @@ class BoundContact:
             at: kinematics at the configuration.
         """
         return float(self._rows.residual(at)[self._height])
-
-    def gap_rate(self, at: PositionKinematics, v: np.ndarray) -> float:
-        """Rate of the gap at velocity v (nv,) [m/s], negative if the contact closes.
-
-        Args:
-            at: kinematics at the configuration.
-            v: velocity (nv,).
-        """
-        return float(self.jacobian(at) @ v)
 
     def gap_acceleration(self, at: VelocityKinematics, v_dot: np.ndarray) -> float:
         """Second rate of the gap at acceleration v_dot (nv,) [m/s^2].
@@ -238,10 +225,10 @@ class ContactRows:
             found.contacts.append(each)
             found.normals.append(k)
             found.names.extend(each.names)
-            size, coefficient = each.friction
-            if size:
-                found.groups.append(FrictionGroup(slice(k + 1, k + 1 + size), k, coefficient, key=number))
-            k += 1 + size
+            end = k + len(each.names)
+            if end > k + 1:
+                found.groups.append(FrictionGroup(slice(k + 1, end), k, each.coefficient, key=number))
+            k = end
         for joint, limit in enumerate(self._dry.limits if joints else ()):
             found.groups.append(FrictionGroup(slice(k, k + 1), -1, 0.0, float(limit), -1 - joint))
             k += 1
@@ -281,9 +268,10 @@ def bound_contacts(system: NonholonomicSystem, contacts: Sequence[UnilateralCont
     for name in names:
         if names.count(name) > 1:
             raise ConfigurationError(f"contacts: '{name}' occurs twice")
+    # Rows with and without a limit would need two methods at one impact.
+    has_limit = any(each.contact.friction is not None for each in bound)
     for each in bound:
-        # Rows with and without a limit would need two methods at one impact.
-        if each.needs_coefficient and any(other.has_limit for other in bound):
+        if has_limit and each.contact.friction is None and len(each.names) > 1:
             raise ConfigurationError(
                 f"contact '{each.name}': requires its coefficient of friction, because the friction of some contact "
                 "has a limit"
@@ -424,20 +412,14 @@ class FrictionImpulses:
             if size < least:
                 best, least = p, size
             if size <= precise * max(float(np.abs(p).max()), smallest):
-                return self._admissible(p), self._energy(p) <= 0.0 or size == 0.0
+                gained, rounding = p @ (0.5 * self._G @ p + self._b), 1e-12 * (np.abs(p) @ np.abs(self._b))
+                p = p.copy()
+                p[self._normals] = np.maximum(p[self._normals], 0.0)
+                return p, bool(gained <= rounding) or size == 0.0
             # Rows of several contacts can be dependent: the shortest step of a factorization with column pivoting.
             _, step, *_ = scipy.linalg.lapack.dgelsy(slope, F, np.zeros(len(p), dtype=np.int32), 1e-12, work * len(p))
             p = p - step
         return best, False
-
-    def _energy(self, p: np.ndarray) -> float:
-        change, size = p @ (0.5 * self._G @ p + self._b), np.abs(p) @ np.abs(self._b)
-        return float(change - 1e-12 * size)
-
-    def _admissible(self, p: np.ndarray) -> np.ndarray:
-        p = p.copy()
-        p[self._normals] = np.maximum(p[self._normals], 0.0)
-        return p
 
     def _natural_map(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Difference (k,) of p from its projected gradient step, and its slope (k, k)."""

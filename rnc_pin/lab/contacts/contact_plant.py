@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -80,23 +79,18 @@ class ContactPlant:
     ) -> None:
         self._system, self._contacts = system, contact_impulses.bound_contacts(system, contacts)
         self.tolerance = tolerance
-        self._plant_of = partial(  # a lambda could not be pickled
-            ReducedPlant,
-            joint_damping=joint_damping,
-            actuator_limits=actuator_limits,
-            joint_friction=joint_friction,
-            substeps=substeps,
-            tolerance=tolerance,
-        )
+        self._options = joint_damping, actuator_limits, joint_friction, substeps, tolerance
         self._plants: dict[Closed, ReducedPlant] = {}
         """Plant with each set of closed contacts, made at its first use."""
         # Made at once: errors of the system itself come before errors of contacts.
         self._flight = self._plant_with(NONE)
         self._rows = contact_impulses.ContactRows(self._contacts, DryFriction(self._flight.reduced, joint_friction))
         self._sliding: SlidingPlant | None = None
-        if any(each.has_limit for each in self._contacts):
+        self._force_units: dict[str, str] = {}  # of ``contact_forces``
+        if any(each.contact.friction is not None for each in self._contacts):
             _check_at_rest(self._flight.reduced)
             self._sliding = SlidingPlant(self._flight, self._contacts, self._rows)
+            self._force_units = {name: "N" for each in self._contacts for name in each.names}
         self._closed = NONE
         self._plant: ReducedPlant | SlidingPlant = self._flight
         self.contact_events: tuple[ContactEvent, ...] = ()
@@ -142,14 +136,7 @@ class ContactPlant:
         Rows of open contacts have no force. After contacts changed, forces of the others are NaN until the next step.
         """
         found = self._plant.contact_forces if isinstance(self._plant, SlidingPlant) else {}
-        return dict.fromkeys(self.contact_force_units, 0.0) | found
-
-    @property
-    def contact_force_units(self) -> dict[str, str]:
-        """Units of ``contact_forces``, by name."""
-        if self._sliding is None:
-            return {}
-        return dict.fromkeys(self._rows.layout(frozenset(range(len(self._contacts))), joints=False).names, "N")
+        return dict.fromkeys(self._force_units, 0.0) | found
 
     def report(self) -> PlantReport:
         """Return inputs, work, model, forces, contacts and errors.
@@ -159,7 +146,7 @@ class ContactPlant:
         """
         return self._plant.report()._replace(
             work=self.work, tolerance=self.tolerance, errors=self.errors, normal_forces=self.normal_forces,
-            contact_forces=self.contact_forces, contact_force_units=self.contact_force_units,
+            contact_forces=self.contact_forces, contact_force_units=self._force_units,
             contact_events=self.contact_events,
         )  # fmt: skip
 
@@ -230,7 +217,7 @@ class ContactPlant:
             # While contacts slide, the plant chooses its step; else one step goes to the end of the sample.
             step = plant.step(left, dt) if isinstance(plant, SlidingPlant) else ReducedStep(plant, left)
             open_contacts = [number for number in range(len(self._contacts)) if number not in self.closed]
-            watched = [self._watched_gap(number) for number in open_contacts]
+            watched = [self._watched_gap(self._contacts[number]) for number in open_contacts]
             if self._closed:
                 watched.append(Watched(self._least_force))
             found = first_event(step, watched)
@@ -255,12 +242,10 @@ class ContactPlant:
         if isinstance(self._plant, SlidingPlant):
             self._plant.end_sample()
 
-    def _watched_gap(self, number: int) -> Watched:
-        contact = self._contacts[number]
-
+    def _watched_gap(self, contact: contact_impulses.BoundContact) -> Watched:
         def rate() -> float:
             state = self._plant.state
-            return contact.gap_rate(state.position, state.v)
+            return float(contact.jacobian(state.position) @ state.v)
 
         rounding = 1e-11  # gap over the radius of gyration that rounding explains
         return Watched(lambda: contact.gap(self._plant.state.position), rate=rate, rounding=rounding * self._size)
@@ -268,7 +253,7 @@ class ContactPlant:
     def _lift_off(self) -> None:
         """Open the contact whose normal force has become zero."""
         # One at a time: without the first, others may push again.
-        lost = sorted(self._closed)[int(np.argmin(self._forces(self._closed, self._plant)))]
+        lost = sorted(self._closed)[int(np.argmin(self._forces()))]
         self._settle(self._closed - {lost}, self._closed)
         self._record("lift-off", [lost])
 
@@ -281,17 +266,17 @@ class ContactPlant:
 
     def _settle(self, candidates: Closed, touching: Closed) -> None:
         """Close the candidates that push without slip while all others that touch separate."""
-        assert isinstance(self._plant, ReducedPlant)
-        q, v = self._plant.read()
+        before, closed_before = self._plant, self._closed
+        work, (q, v) = before.work, before.read()
         # The largest first: fewer contacts are a solution only where more are none.
         for closed in contact_impulses.subsets(candidates):
-            plant = self._plant
-            if closed != self._closed:
+            plant = before
+            if closed != closed_before:
                 plant = self._plant_with(closed)
                 self._start(plant, q, v)
-            if self._holds(closed, touching - closed, plant):
-                self._past_work += self._plant.work if plant is not self._plant else 0.0
-                self._closed, self._plant = closed, plant
+            self._closed, self._plant = closed, plant
+            if self._holds(touching - closed):
+                self._past_work += work if plant is not before else 0.0
                 return
         raise SimulationError(f"contacts {self._names(touching)} at t = {self._time:.4f} s: {contact_impulses.NO_SET}")
 
@@ -372,21 +357,22 @@ class ContactPlant:
                 reduced = self._system.with_constraints(kinds, may_stop=True).reduce()
             except ConstraintError as error:
                 raise error.within(f"contacts {self._names(closed)} closed") from None
-            self._plants[closed] = self._plant_of(reduced)
+            self._plants[closed] = ReducedPlant(reduced, *self._options)
         return self._plants[closed]
 
     def _names(self, numbers: Iterable[int]) -> str:
         """Names of contacts in a message."""
         return ", ".join(self._contacts[number].name for number in sorted(numbers)) or "none"
 
-    def _forces(self, closed: Closed, plant: ReducedPlant | SlidingPlant) -> np.ndarray:
-        """Normal forces (c,) of the contacts that are closed in the model of a plant, in order [N].
+    def _forces(self) -> np.ndarray:
+        """Normal forces (c,) of the contacts that are closed without slip, in order [N].
 
         None is below zero if they can share the load so.
         """
+        plant = self._plant
         assert isinstance(plant, ReducedPlant)
         rows, state = plant.reduced.all_constraints.names, plant.state
-        up = [rows.index(self._contacts[number].names[0]) for number in sorted(closed)]
+        up = [rows.index(self._contacts[number].names[0]) for number in sorted(self._closed)]
         forces = state.contact_forces(plant.applied, plant.external)[up]
         if not (forces < 0).any():
             return forces
@@ -394,15 +380,17 @@ class ContactPlant:
         # Dependent rows share a load in many ways, as four legs do: another share may push only.
         return nonnegative(forces, null_space(state.all_rows.T, dependent)[up])
 
-    def _least_force(self, closed: Closed | None = None, plant: ReducedPlant | None = None) -> float:
-        """Least normal force of closed contacts [N], with a margin for rounding; by default those that are closed."""
-        forces = self._forces(self._closed if closed is None else closed, plant or self._plant)
+    def _least_force(self) -> float:
+        """Least normal force of the contacts that are closed without slip [N], with a margin for rounding."""
+        forces = self._forces()
         zero = 1e-9  # force that counts as zero, relative to the sum of all, plus 1 N
         return float(forces.min(initial=np.inf) + zero * (1.0 + np.abs(forces).sum()))
 
-    def _holds(self, closed: Closed, others: Closed, plant: ReducedPlant) -> bool:
-        """True if contacts stay closed by pushing at the state of a plant, and others that touch do not come closer."""
-        if self._least_force(closed, plant) < 0.0:
+    def _holds(self, others: Closed) -> bool:
+        """True if the closed contacts only push, and others that touch do not come closer."""
+        plant = self._plant
+        assert isinstance(plant, ReducedPlant)
+        if self._least_force() < 0.0:
             return False
         if not others:
             return True
@@ -478,30 +466,22 @@ def first_event(step: EventStep, watched: Sequence[Watched]) -> tuple[float, int
         watched: values that fall through zero at events.
     """
     step.move_to(0.0)
-    before = [each.value() for each in watched]
-    rates = [0.0 if each.rate is None else each.rate() for each in watched]
-    step.move_to(step.dt)
-    # Values at both ends for all first: a move within the step is much more work.
-    after = [each.value() for each in watched]
-    found: list[tuple[float, int]] = []
-    for index, each in enumerate(watched):
-        if each.rate is not None:
-            time = _fall(step, each, each.rate, before[index], rates[index])
-            found += [] if time is None else [(time, index)]
-        elif before[index] > 0 >= after[index]:
-            found.append((_crossing(step, each.value, 0.0, step.dt), index))
-    return min(found, default=None)
+    starts = [(each.value(), 0.0 if each.rate is None else each.rate()) for each in watched]
+    times = [_fall(step, each, *start) for each, start in zip(watched, starts, strict=True)]
+    return min(((time, index) for index, time in enumerate(times) if time is not None), default=None)
 
 
-def _fall(step: EventStep, watched: Watched, rate: Callable[[], float], before: float, falls: float) -> float | None:
+def _fall(step: EventStep, watched: Watched, before: float, rate_before: float) -> float | None:
     """Time at which a value becomes negative; None if it does not."""
-    value, rounding, end = watched.value, watched.rounding, step.dt
-    leaves = before <= rounding  # it starts at zero
+    (value, rate, rounding), end = watched, step.dt
     step.move_to(end)
+    if rate is None:
+        return _crossing(step, value, 0.0, end) if before > 0.0 >= value() else None
+    leaves = before <= rounding  # it starts at zero
     if value() >= (-rounding if leaves else 0.0):
         # It may be negative in between, such as the gap of a corner of a body that turns.
         # Only a value that falls first and rises at the end has a minimum within: there its rate is zero.
-        if not falls < 0.0 < rate():
+        if not rate_before < 0.0 < rate():
             return None
         end = _crossing(step, rate, 0.0, end)
         step.move_to(end)
