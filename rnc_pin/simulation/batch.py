@@ -20,7 +20,6 @@ from rnc_pin.control.trackers import PositionTracker, VelocityTracker
 from rnc_pin.errors import InputError, RncError
 from rnc_pin.interruption import interruptible, uninterrupted
 from rnc_pin.math.linear_algebra import apply
-from rnc_pin.model.evaluator import Evaluator
 from rnc_pin.model.input_validation import numbers_of
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import ReducedPlant
@@ -138,9 +137,8 @@ class _Batch:
         self._at = np.arange(len(arguments))  # numbers of the runs that are still regular
         self._q, self._y = (np.array([start[k] for start in starts]) for k in (0, 1))
         self._T = np.zeros((len(arguments), self._reduced.p))
-        self._charts = np.array([start.chart for start in starts], dtype=object)
         # The kernel takes a chart of its own for each run: they end at different times.
-        self._chart_calls = np.array([_chart(each.evaluator) for each in self._charts], dtype=object)
+        self._charts = np.array([_chart(own) for own in self._plants], dtype=object)
         self._errors = tuple(np.array(each) for each in zip(*(start.errors for start in starts), strict=True))
         self._kinematics = np.empty((len(arguments), self._calls.kinematics_size))
         self._deficit: Array | None = None
@@ -202,7 +200,7 @@ class _Batch:
         v, regular = np.zeros((len(self._at), self._reduced.n)), np.zeros(len(self._at))
         # The bound of ``VelocityChart.velocity``, so that charts change where those of a run alone do.
         limit = self._reduced.r + MAX_GROWTH
-        self._calls.velocities(tuple(self._chart_calls), self._q, self._y, limit, self._kinematics, v, regular)
+        self._calls.velocities(tuple(self._charts), self._q, self._y, limit, self._kinematics, v, regular)
         for place in np.flatnonzero(regular != 1.0).tolist():
             if self._single(place, lambda plant: plant.state):  # in another chart
                 regular[place], v[place] = 1.0, self._plants[self._at[place]].state.v
@@ -236,7 +234,7 @@ class _Batch:
         # Each run chooses its own number of substeps by its errors; those with equal numbers share a call.
         for steps in np.unique(steps_of_runs).tolist():
             which = np.flatnonzero(steps_of_runs == steps)
-            charts = tuple(self._chart_calls[which])
+            charts = tuple(self._charts[which])
             q, y, T, kinematics = (each[which] for each in (self._q, self._y, self._T, self._kinematics))
             q, y, status, rough = self._calls.integrate(charts, q, y, T, self._dt / steps, steps, kinematics)
             # The rule of ``ReducedPlant.advance``: a run beside others takes the steps of a run alone.
@@ -259,8 +257,8 @@ class _Batch:
             move(plant)
         except RncError:  # alone it raises the same error
             return False
-        self._q[place], self._y[place], _, _, chart, errors = plant.checkpoint()
-        self._charts[place], self._chart_calls[place] = chart, _chart(chart.evaluator)
+        self._q[place], self._y[place], _, _, _, errors = plant.checkpoint()
+        self._charts[place] = _chart(plant)
         # A comparison may have changed the number of substeps: the batch goes on with it.
         for all_runs, own in zip(self._errors, errors, strict=True):
             all_runs[place] = own
@@ -272,21 +270,21 @@ class _Batch:
         errors = IntegrationErrors._make(each[place].item() for each in self._errors)
         # Copies, and no evaluated state: the batch goes on writing into its arrays.
         now = self._q[place].copy(), self._y[place].copy(), None, self._T[place].copy()
-        plant.rollback(Checkpoint(*now, self._charts[place], errors))
+        plant.rollback(Checkpoint(*now, plant.dynamics.chart, errors))
         return plant
 
     def _keep(self, staying: Array) -> None:
         """Keep only the runs of a mask (B,)."""
         if staying.all():
             return
-        motion = self._at, self._q, self._y, self._T, self._kinematics, self._charts, self._chart_calls, self._errors
+        motion = self._at, self._q, self._y, self._T, self._kinematics, self._charts, self._errors
         motion, self._deficit, self._state = _rows((motion, self._deficit, self._state), staying)
-        self._at, self._q, self._y, self._T, self._kinematics, self._charts, self._chart_calls, self._errors = motion
+        self._at, self._q, self._y, self._T, self._kinematics, self._charts, self._errors = motion
 
 
-def _chart(evaluator: Evaluator) -> object:
-    """Chart of a run for the kernel; None if the kernel cannot use it."""
-    runs = runs_of(evaluator)
+def _chart(plant: ReducedPlant) -> object:
+    """Chart of a plant for the kernel; None if the kernel cannot use it."""
+    runs = runs_of(plant.dynamics.chart.evaluator)
     return None if runs is None else runs.chart
 
 

@@ -267,10 +267,15 @@ class _Contact(NamedTuple):
     joint: int
     point: np.ndarray
     """Contact point (3,) in the world [m]."""
-    lateral: np.ndarray | None
-    """Horizontal unit vector (3,) of the direction without slip; None for a ball."""
+    lateral: np.ndarray
+    """Horizontal unit vector (3,) of the direction without slip; NaN for a ball."""
     beside: float
     """Largest distance to the steering axis [m]."""
+
+    def in_body(self, at: PositionKinematics, joint: int) -> tuple[np.ndarray, np.ndarray]:
+        """Point and direction in the frame of a joint."""
+        rotation, translation = at.joint_placement(joint)
+        return rotation.T @ (self.point - translation), rotation.T @ self.lateral
 
 
 class GroundBody(NamedTuple):
@@ -335,8 +340,7 @@ def ground_poses(bodies: Iterable[GroundBody], at: PositionKinematics) -> Float[
         bodies: the bodies (k,).
         at: kinematics at the configurations (..., nq).
     """
-    poses = [body.poses(at) for body in bodies]
-    return np.concatenate(poses, axis=-1) if poses else np.empty((*at.q.shape[:-1], 0))
+    return np.concatenate([np.empty((*at.q.shape[:-1], 0)), *(body.poses(at) for body in bodies)], axis=-1)
 
 
 def _contact(contact: GroundContact, robot: Robot, at: PositionKinematics) -> _Contact | None:
@@ -345,7 +349,7 @@ def _contact(contact: GroundContact, robot: Robot, at: PositionKinematics) -> _C
     joint, (rotation, translation) = robot.model.frames[frame].parentJoint, at.placement(frame)
     point = translation + rotation @ contact.center
     if contact.axle is None:
-        return _Contact(joint, point, None, 0.0)
+        return _Contact(joint, point, np.full(3, np.nan), 0.0)
     lateral = rotation @ contact.axle
     beside = _BESIDE if contact.radius is None else contact.radius
     return _Contact(joint, point, lateral, beside) if abs(lateral[2]) < _UPRIGHT else None
@@ -386,23 +390,21 @@ def _body(
     here: PositionKinematics,
     there: PositionKinematics,
 ) -> GroundBody:
-    (rotation, translation), (turned, moved) = here.joint_placement(joint), there.joint_placement(joint)
     points, fixed = [], []  # in the joint frame: contact points, and axles without steering
     for one, other in contacts:
-        point = rotation.T @ (one.point - translation)
+        (point, lateral), (point_there, lateral_there) = one.in_body(here, joint), other.in_body(there, joint)
         # A contact that moves in the body, such as one behind a steering axis, is no place to draw it at.
-        if np.linalg.norm(point - turned.T @ (other.point - moved)) < _SAME:
+        if np.linalg.norm(point - point_there) < _SAME:
             points.append(point)
-        if one.lateral is not None and other.lateral is not None:
-            lateral = rotation.T @ one.lateral
-            if np.linalg.norm(lateral - turned.T @ other.lateral) < _SAME:
-                fixed.append((point, lateral))
+        if np.linalg.norm(lateral - lateral_there) < _SAME:
+            fixed.append((point, lateral))
+    rotation = here.joint_placement(joint).rotation
     left = _own_left(rotation)
     # All of them: axles that cross each other have no common direction ahead.
     if fixed and all(np.linalg.norm(np.cross(fixed[0][1], lateral)) < _SAME for _, lateral in fixed):
         # Parallel axles that do not steer: the body faces across them, and its point is between them.
         points, left = [point for point, _ in fixed], _toward(fixed[0][1], rotation)
-    elif contacts and all(one.lateral is None and one.joint == joint for one, _ in contacts):
+    elif contacts and all(np.isnan(one.lateral).any() and one.joint == joint for one, _ in contacts):
         # A ball that rolls itself has no heading.
         # NaN goes through to the heading, and a top view draws no mark.
         left = np.full(3, np.nan)

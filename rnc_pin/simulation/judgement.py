@@ -410,18 +410,16 @@ def distance_findings(
 
 
 def _of_pairs(replay: LimitReplay, clearance: float | None, tolerance: float) -> Iterator[Finding]:
-    # Bodies have several shapes: the nearest pair stands for all of them.
-    done: set[tuple[str, str]] = set()
-    for each in replay.clearances:  # nearest first
-        one, other = each.names
-        if each.names in done:
-            continue  # other shapes of the same bodies, which are farther
-        done.add(each.names)
-        at = f"at t = {each.time:.4g} s"
+    nearest: dict[tuple[str, str], Clearance] = {}
+    for each in replay.clearances:
+        # Bodies have several shapes: the nearest pair, which is the first, stands for all of them.
+        nearest.setdefault(each.names, each)
+    for (one, other), each in nearest.items():
+        where, at = f"{one} / {other}", f"at t = {each.time:.4g} s"
         if each.distance < -PENETRATION:
             depth = -each.distance
             words = f"{one} and {other} penetrate each other by {depth:.3g} m {at}"
-            yield _finding(FindingKind.COLLISION, each, depth, Severity.FAILS, words)
+            yield Finding(FindingKind.COLLISION, where, depth, "m", each.time, Severity.FAILS, words)
         elif clearance is not None and each.obstacle and each.distance < clearance - SHORTFALL:
             touches = each.distance < PENETRATION
             near = f"{one} {'touches' if touches else f'comes within {each.distance:.3g} m of'} {other} {at}"
@@ -431,11 +429,7 @@ def _of_pairs(replay: LimitReplay, clearance: float | None, tolerance: float) ->
             # A plan keeps its clearance up to its accuracy: a shortfall below it is told, and does not fail.
             shortfall = clearance - each.distance
             severity = Severity.FAILS if shortfall > tolerance else Severity.NOTE
-            yield _finding(FindingKind.CLEARANCE, each, shortfall, severity, words)
-
-
-def _finding(kind: FindingKind, pair: Clearance, amount: float, severity: Severity, message: str) -> Finding:
-    return Finding(kind, " / ".join(pair.names), amount, "m", pair.time, severity, message)
+            yield Finding(FindingKind.CLEARANCE, where, shortfall, "m", each.time, severity, words)
 
 
 def _uncertain(replay: LimitReplay) -> Iterator[Finding]:

@@ -17,9 +17,8 @@ from rnc_pin.errors import DivergenceError
 from rnc_pin.interruption import interruptible, uninterrupted
 from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.input_validation import numbers_of
-from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.plants import Plant, ReducedPlant
+from rnc_pin.plants import ReducedPlant
 from rnc_pin.plants.constrained_dynamics import integrated_outputs
 from rnc_pin.plants.plant import IntegrationErrors, PlantReport, ReportingPlant, takes_velocities
 from rnc_pin.simulation import run_info
@@ -41,94 +40,6 @@ _ROUNDING = 1e-6  # of a time, in sampling periods
 _AT_FAULT = 0.01  # sum of the estimated errors, relative to the velocities, from which the integrator diverges
 
 
-class PlantAdapter:
-    """Adapter of a plant: its state in the outputs of a model.
-
-    Args:
-        plant: the plant.
-        reduced: reduced model of the controller.
-
-    Attributes:
-        reported: last report of the plant.
-    """
-
-    def __init__(self, plant: Plant, reduced: ReducedModel) -> None:
-        self.plant, self._reduced = plant, reduced
-        # A plant of the same model hands over its evaluation of the state: nothing is computed twice.
-        self._exact = plant if isinstance(plant, ReducedPlant) and plant.reduced is reduced else None
-        self._servos = takes_velocities(plant)
-        self.measured: tuple[Array, Array] = (_EMPTY, _EMPTY)  # velocities are empty if measurements are exact
-        self._reporting, self._senses = plant if isinstance(plant, ReportingPlant) else None, False
-        self.reported = PlantReport()
-
-    @property
-    def loop_options(self) -> LoopOptions:
-        """Default options of the loop on this plant, which alone may clip inputs, and reports what it applies."""
-        # Measurements of the own model are exact: an error is the controller's, and no disturbance that passes.
-        if self._exact is not None:
-            return {"fallback": "raise", "limits": False}
-        return {"fallback": "zero" if self._servos else "hold", "limits": False}
-
-    def reset(self, start: StateEvaluation) -> None:
-        """Restart the plant at a state.
-
-        Args:
-            start: state of the controller's model.
-        """
-        self.plant.reset(start.q, start.v)
-        self._senses = self.report().actual is not None
-
-    def report(self) -> PlantReport:
-        """Report of the plant now."""
-        if self._reporting is not None:
-            self.reported = self._reporting.report()
-        return self.reported
-
-    def read_state(self, t: float) -> StateEvaluation:
-        """Read the sensors at time t [s] and return the true state: at the start of a run, then once per sample.
-
-        Args:
-            t: time of rheonomic constraints [s].
-
-        Raises:
-            DivergenceError: the state is not finite.
-        """
-        if self._exact is not None:
-            return self._exact.state
-        self.measured = self.plant.read()
-        q, v = (self._senses and self.report().actual) or self.measured
-        if not (np.isfinite(q).all() and np.isfinite(v).all()):
-            raise DivergenceError("plant state is not finite")
-        return self._reduced.at(q, v=v, t=t)
-
-    def compute_input(self, loop: ControlLoop, t: float) -> Array:
-        """Return the inputs (p,) of a loop for the last measurement.
-
-        Args:
-            loop: control loop of the controller.
-            t: time of the measurement [s].
-        """
-        if self._exact is not None:
-            return loop.compute_input(t, self._exact.state, self._exact.integrals)
-        return loop.step(t, *self.measured)
-
-    def apply(self, loop: ControlLoop, T: Array) -> Array:
-        """Apply inputs to the plant, report the applied ones to the loop, and return them; of servos their efforts.
-
-        Args:
-            loop: control loop that learns what was applied.
-            T: inputs (p,) that the controller asks for [N or N m; of servos rad/s or m/s].
-        """
-        (self.plant.apply if self._exact is None else self._exact.hold)(T)
-        report = self.report()
-        # Servos tell efforts, and the loop has nothing to learn of limits of forces.
-        if self._servos:
-            return np.full(len(T), np.nan) if report.effort is None else report.effort
-        applied = T if report.applied is None else report.applied
-        loop.report_applied_input(applied)
-        return applied
-
-
 class SampledRun:
     """Run whose samples somebody else calls: a loop over a duration, or one that follows a clock.
 
@@ -137,6 +48,7 @@ class SampledRun:
 
     Attributes:
         controller: the controller.
+        plant: the plant.
         loop: control loop of the controller.
         record: recorder of the run.
         stop: monitor of the stop conditions.
@@ -153,15 +65,24 @@ class SampledRun:
         origin = run_info.provenance_of(options.meta)
         # What could not be found is an error before the run, and loses no results.
         self._info, self._observer = run_info.RunInfo(dt=dt, versions=versions(), provenance=origin), options.observer
-        self._adapter = adapter = PlantAdapter(ReducedPlant(reduced) if plant is None else plant, reduced)
-        # The options of the caller last: they replace the defaults of the plant.
-        loop_options: LoopOptions = {**adapter.loop_options, "max_speed": options.stop.speed, **options.loop}
+        self.plant = plant = ReducedPlant(reduced) if plant is None else plant
+        self._reporting, self._reported = plant if isinstance(plant, ReportingPlant) else None, PlantReport()
+        # A plant of the same model hands over its evaluation of the state: nothing is computed twice.
+        self._exact = plant if isinstance(plant, ReducedPlant) and plant.reduced is reduced else None
+        self._measured = _EMPTY, _EMPTY  # of the last reading; velocities are empty if measurements are exact
+        # The plant alone may clip inputs, and reports what it applies.
+        loop_options: LoopOptions = {"fallback": "hold", "limits": False, "max_speed": options.stop.speed}
         kind: type[ControlLoop] = ControlLoop
-        if takes_velocities(plant):
+        self._servos = takes_velocities(plant)
+        if self._servos:
             from rnc_pin.control.loop import VelocityInputLoop  # a run under forces starts without it
 
-            kind = VelocityInputLoop
-        self.loop = kind(reduced, controller, dt, **loop_options)
+            kind, loop_options["fallback"] = VelocityInputLoop, "zero"
+        elif self._exact is not None:
+            # Measurements of the own model are exact: an error is the controller's, and no disturbance that passes.
+            loop_options["fallback"] = "raise"
+        # The options of the caller last: they replace the defaults of the plant.
+        self.loop = kind(reduced, controller, dt, **{**loop_options, **options.loop})
         self.stop, self._dt, self.samples = StopMonitor(options.stop, reduced.robot), dt, 0
         self._zeros = zeros = np.zeros(reduced.r)
         self._fallbacks: list[int] = []  # numbers of the samples with a fallback command
@@ -170,20 +91,16 @@ class SampledRun:
         self._reduced, self._accelerations = reduced, limited_accelerations(controller)
         # Rounding of holonomic rows in q0 would become a constraint force at the first sample.
         first = reduced.at(assembled_start(reduced, numbers_of(q0, "q0")), zeros if v2_0 is None else v2_0, t=0.0)
-        adapter.reset(first)
-        self._lift_off = LiftOffMonitor(adapter.reported.reduced, reduced) if options.stop.lift_off else None
+        plant.reset(first.q, first.v)
+        self._senses = self._report().actual is not None
+        self._lift_off = LiftOffMonitor(self._reported.reduced, reduced) if options.stop.lift_off else None
         state = options.controller_state
         if state is None:
             # From the state that the plant has after its reset: it may have projected q0 and v.
-            state = controller.initial_state(adapter.read_state(0.0).measure(zeros))
+            state = controller.initial_state(self._read_state(0.0).measure(zeros))
         # Time begins at zero here, so that references do not depend on when the first measurement comes.
         self.loop.resume(LoopState(begin=0.0, controller=state))
-        self.record = Record(reduced, integrated_outputs(reduced), adapter.reported)
-
-    @property
-    def plant(self) -> Plant:
-        """Plant of the run."""
-        return self._adapter.plant
+        self.record = Record(reduced, integrated_outputs(reduced), self._reported)
 
     @property
     def time(self) -> float:
@@ -196,17 +113,17 @@ class SampledRun:
         Args:
             progress: receives the time and the component at work, for error messages.
         """
-        adapter, loop = self._adapter, self.loop
+        loop, exact = self.loop, self._exact
         progress.time = t = self.time
-        state = adapter.read_state(t)
+        state = self._read_state(t)
         # Before the controller, which never sees a diverged state.
         try:
             self.stop.check(t, state)
         except DivergenceError as error:
-            raise _blamed(error, adapter.report().errors, state.v) from None
+            raise _blamed(error, self._report().errors, state.v) from None
         wall, begin = perf_counter(), thread_time()
         try:
-            T = adapter.compute_input(loop, t)
+            T = loop.step(t, *self._measured) if exact is None else loop.compute_input(t, exact.state, exact.integrals)
         except Exception:
             # The message names who was at work: the controller, the model, or the allocation of the command.
             progress.active_component = loop.active_component
@@ -214,18 +131,18 @@ class SampledRun:
         if perf_counter() - wall > self._dt:  # thread time, without other work of the computer, is never longer
             self._late = with_late_tick(self._late, t, thread_time() - begin, self._dt)
         # Inputs that the plant clipped: the record and the next step of the controller have what acts.
-        T = adapter.apply(loop, T)
+        T = self._apply(T)
         if loop.state.fault is not None:
             self._fallback_reason = self._fallback_reason or loop.state.fault
             self._fallbacks.append(self.samples)
         if self._lift_off is not None:
-            self._lift_off.check(t, state, T, adapter.reported.external)
+            self._lift_off.check(t, state, T, self._reported.external)
         # A loop that has only given safe commands has no integrals yet: they are zero at the start.
         integrals = loop.state.integrals if loop.state.integrals is not None else self._zeros
         measurement, command = _last_decision(loop, state)
         # Outputs are recorded of the true state. Integrals of quasi-velocities are the loop's, of measured velocities.
         outputs = (measurement.x1, measurement.x2) if measurement.q is state.q else None
-        self.record.add(t, state, integrals, command, T, adapter.reported, outputs, adapter.measured[1])
+        self.record.add(t, state, integrals, command, T, self._reported, outputs, self._measured[1])
         self.samples += 1
         found = Sample(t, measurement, command, T, loop.state.controller)
         if self._observer is not None:
@@ -234,9 +151,40 @@ class SampledRun:
             progress.active_component = MODEL
         return found
 
+    def _report(self) -> PlantReport:
+        """Report of the plant now."""
+        if self._reporting is not None:
+            self._reported = self._reporting.report()
+        return self._reported
+
+    def _read_state(self, t: float) -> StateEvaluation:
+        """Read the sensors at time t [s] and return the true state: at the start of a run, then once per sample.
+
+        Raises:
+            DivergenceError: the state is not finite.
+        """
+        if self._exact is not None:
+            return self._exact.state
+        self._measured = self.plant.read()
+        q, v = (self._senses and self._report().actual) or self._measured
+        if not (np.isfinite(q).all() and np.isfinite(v).all()):
+            raise DivergenceError("plant state is not finite")
+        return self._reduced.at(q, v=v, t=t)
+
+    def _apply(self, T: Array) -> Array:
+        """Apply inputs to the plant, report the applied ones to the loop, and return them; of servos their efforts."""
+        (self.plant.apply if self._exact is None else self._exact.hold)(T)
+        report = self._report()
+        # Servos tell efforts, and the loop has nothing to learn of limits of forces.
+        if self._servos:
+            return np.full(len(T), np.nan) if report.effort is None else report.effort
+        applied = T if report.applied is None else report.applied
+        self.loop.report_applied_input(applied)
+        return applied
+
     def advance(self) -> None:
         """Advance the plant to the next sample."""
-        self._adapter.plant.advance(self._dt)
+        self.plant.advance(self._dt)
 
     def run_to(self, samples: int, progress: Progress) -> str | None:
         """Take samples, and advance between them, until there are so many; return ``failure``.
@@ -266,7 +214,7 @@ class SampledRun:
             message: reason of an early end, if any.
         """
         # A second report: the plant has moved since the last sample, perhaps through an event of its contacts.
-        report, own, late = self._adapter.report(), self.loop.state.controller, self._late
+        report, own, late = self._report(), self.loop.state.controller, self._late
         info = replace(
             self._info,
             outcome=outcome,
@@ -347,7 +295,6 @@ _OUTCOMES = {
 _LONGEST = 300  # largest number of characters from the message of a foreign error
 
 MODEL = "the model"
-Finish = Callable[[Outcome, str | None], Trajectory]
 
 
 @dataclass
@@ -359,7 +306,9 @@ class Progress:
     active_component: str = MODEL
 
 
-def complete_run(advance: Callable[[Progress], str | None], finish: Finish) -> Trajectory:
+def complete_run(
+    advance: Callable[[Progress], str | None], finish: Callable[[Outcome, str | None], Trajectory]
+) -> Trajectory:
     """Run to the end and return the trajectory; Ctrl-C ends the run early.
 
     A ``SingularityError`` on a ``ReducedPlant`` of the controller's own model ends the run: its outcome is
