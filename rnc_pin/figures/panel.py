@@ -139,11 +139,18 @@ class Grid:
     Attributes:
         rows, columns: numbers of places.
         width: width of the figure [inches].
+        place_width: width of a place, in sizes of the text.
     """
 
     rows: int
     columns: int
     width: float
+    place_width: float
+
+    @property
+    def beside(self) -> bool:
+        """True if legends are beside the axes, False if they are above."""
+        return self.place_width >= 45.0  # from here on a legend beside the axes leaves them room
 
 
 @dataclass(frozen=True)
@@ -206,20 +213,20 @@ class Sheet:
         places = axes if places is None else places
         screen_rows = (4, 5, 6)  # largest number of rows in figures for the screen of one, two, and more columns
         screen_widths = (8.0, 7.0)  # of a column in figures for the screen of one and of several columns [inches]
+        least_panel = 28.0  # width in sizes of the text
+        aspect = 1.9  # preferred width over height of a panel
         if self.width is None:
             within = (k for k, rows in enumerate(screen_rows, start=1) if places <= k * rows)
             columns = next(within, -(-places // screen_rows[-1]))
-            return Grid(-(-places // columns), columns, columns * screen_widths[columns > 1])
-        least_panel = 28.0  # width in sizes of the text
-        most = max(1, min(axes, int(self.in_text(self.width) // least_panel)))
-        if self.height is None:
-            return Grid(-(-places // most), most, self.width)
-        height = self.height
-        aspect = 1.9  # preferred width over height of a panel
-        aspects = [self.width / k / (height / -(-places // k)) / aspect for k in range(1, most + 1)]
-        # On a log scale a panel twice as wide is as far from the best as one half as wide.
-        columns = 1 + int(np.argmin(np.abs(np.log(aspects))))
-        return Grid(-(-places // columns), columns, self.width)
+            width = columns * screen_widths[columns > 1]
+        else:
+            width = self.width
+            columns = max(1, min(axes, int(self.in_text(width) // least_panel)))
+            if self.height is not None:
+                aspects = [width / k / (self.height / -(-places // k)) / aspect for k in range(1, columns + 1)]
+                # On a log scale a panel twice as wide is as far from the best as one half as wide.
+                columns = 1 + int(np.argmin(np.abs(np.log(aspects))))
+        return Grid(-(-places // columns), columns, width, self.in_text(width / columns))
 
     def grid_of(self, panels: int, aspect: float | None) -> tuple[Grid, int]:
         """Grid for panels after a view of an aspect (height over width) if there is one, and the rows of the view.
@@ -235,20 +242,10 @@ class Sheet:
         legend = 15.0  # width of a legend beside axes, in sizes of the text
         for rows in range(1, most + 1):
             grid = self.grid(panels + 1, panels + rows)
-            beside = self.is_beside(grid)
-            width = self.in_text(grid.width / grid.columns) - LABEL_ROOM - (legend if beside else 0.0)
-            if aspect * width <= rows * _AXES[beside]:
+            width = grid.place_width - LABEL_ROOM - (legend if grid.beside else 0.0)
+            if aspect * width <= rows * _AXES[grid.beside]:
                 break
         return grid, rows
-
-    def is_beside(self, grid: Grid) -> bool:
-        """True if legends are beside the axes, False if they are above.
-
-        Args:
-            grid: grid of the figure.
-        """
-        beside = 45.0  # width of a panel, in sizes of the text, from which a legend beside the axes leaves them room
-        return self.in_text(grid.width / grid.columns) >= beside
 
     def heights(self, grid: Grid, above: float) -> tuple[float, float]:
         """Height of the figure [inches], and height of the axes of a row [sizes of the text].
@@ -262,7 +259,7 @@ class Sheet:
         """
         others = above + GAP * grid.rows + TIME
         single = {True: 1.7, False: 1.3}  # height of the only row, over the height of one of several
-        axes = _AXES[self.is_beside(grid)] * (single[self.is_beside(grid)] if grid.rows == 1 else 1.0)
+        axes = _AXES[grid.beside] * (single[grid.beside] if grid.rows == 1 else 1.0)
         least_axes = 5.0  # height in sizes of the text
         if self.height is not None:
             axes = (self.in_text(self.height) - others) / grid.rows

@@ -77,7 +77,7 @@ def panel_figure(
     with mpl.rc_context(st.style(sheet.font)):
         figure = st.PrintFigure((grid.width, sheet.height or 4.0))
         cells, over = figure.add_gridspec(grid.rows, grid.columns), [0.0] * grid.rows
-        room = None if sheet.is_beside(grid) else sheet.in_text(grid.width / grid.columns) - LABEL_ROOM
+        room = None if grid.beside else grid.place_width - LABEL_ROOM
 
         def add_legend(axes: Axes, row: int, entries: Sequence[st.LegendEntry], note: str) -> None:
             if entries:

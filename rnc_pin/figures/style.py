@@ -13,6 +13,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -163,8 +164,7 @@ def pale(color: str) -> str:
     Args:
         color: "#rrggbb".
     """
-    red, green, blue = (int(color[k : k + 2], 16) for k in (1, 3, 5))
-    return f"#{(red + 255) // 2:02x}{(green + 255) // 2:02x}{(blue + 255) // 2:02x}"
+    return to_hex([(1.0 + part) / 2.0 for part in to_rgb(color)])
 
 
 def scaled(style: Dashes, width: float) -> Dashes:

@@ -1,17 +1,12 @@
-"""Equations of motion of the plant, in velocity charts that do not depend on the outputs.
-
-The kernel integrates many runs side by side, where it knows all rows.
-"""
+"""Equations of motion of the plant, in velocity charts that do not depend on the outputs."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import clipped, null_space
 from rnc_pin.model.evaluator import Evaluator, evaluator_for
@@ -19,124 +14,9 @@ from rnc_pin.model.factorization import constraint_rows
 from rnc_pin.model.input_validation import vector
 from rnc_pin.model.integrators import Rate, ReducedMotion, state_rates
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.reduction_kernel import ReductionKernel
 from rnc_pin.model.rows import ConstantRows, OutputRows, OutputStack
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.plant import ROUNDING
-
-
-class Dissipation(NamedTuple):
-    """Damping and dry friction of B runs."""
-
-    damping: Float[Array, " nv"] | None
-    """Viscous coefficients; None for zero."""
-    joints: Float[Array, " j"]
-    """Entries of v with dry friction."""
-    limits: Float[Array, "B k"]
-    """Limits of the friction of these joints, then of the inputs if they have friction."""
-
-
-class CompiledRuns:
-    """Kernel of a reduction, for runs side by side. All arrays are contiguous floats.
-
-    Args:
-        evaluator: evaluator of the reduction in which the runs are measured.
-        kernel: its kernel.
-
-    Attributes:
-        chart: object that ``CompiledRuns`` of another reduction take for a chart in this one.
-        kinematics_size: numbers in a record of kinematics.
-    """
-
-    def __init__(self, evaluator: Evaluator, kernel: ReductionKernel) -> None:
-        self._evaluator, self._kernel = evaluator, kernel
-        self.chart = self._calls = kernel.calls
-        self.kinematics_size = self._kernel.measured_sizes[0]
-
-    def velocities(
-        self, charts: tuple[object, ...], q: Array, y: Array, limit: float, kinematics: Array, v: Array, status: Array
-    ) -> None:
-        """Full velocities of B runs in their charts, and kinematics of all; as ``admissible_velocity``.
-
-        Args:
-            charts: ``chart`` of each run.
-            q: configurations (B, nq).
-            y: states (B, s) that start with the velocities of the charts.
-            limit: sum of the squares of R from which a run is left out.
-            kinematics: result: records of kinematics (B, ``kinematics_size``).
-            v: result: full velocities (B, nv).
-            status: result (B,): 1 where v is valid, 0 where the run takes its own path.
-        """
-        sizes = np.empty(len(q))
-        self._calls.admissible_velocities(charts, q, y, None, kinematics, v, sizes)
-        # False for NaN too: such a run takes its own path, which names the error.
-        status[:] = sizes < limit
-
-    def integrate(
-        self,
-        charts: tuple[object, ...],
-        q: Array,
-        y: Array,
-        T: Array,
-        h: float,
-        steps: int,
-        kinematics: Array | None = None,
-        losses: Dissipation | None = None,
-        end: Array | None = None,
-    ) -> tuple[Array, Array, Array, Array]:
-        """States (B, nq) and (B, s) after equal steps, status (B,), roughness (B,), which may be infinite with losses.
-
-        Args:
-            charts: as for ``velocities``.
-            q: configurations (B, nq) at the start.
-            y: states (B, s) at the start.
-            T: inputs (B, p).
-            h: duration of each step [s].
-            steps: number of steps.
-            kinematics: records of kinematics at q, if known.
-            losses: damping and dry friction, as ``DissipativeStep.advance``; None for Runge-Kutta steps without them.
-            end: array for the states y at the end; a new one by default.
-        """
-        found = np.empty_like(q), np.empty_like(y) if end is None else end, np.zeros(len(q)), np.zeros(len(q))
-        self._calls.integrate(charts, q, y, T, h, steps, kinematics, *found, None, *(losses or (None, None, None)))
-        return found
-
-    def friction(
-        self, charts: tuple[object, ...], q: Array, y: Array, T: Array, h: float, losses: Dissipation
-    ) -> tuple[Array, Array]:
-        """Generalized forces (B, nv) of dry friction during a step, and status (B,); arguments as of ``integrate``."""
-        # Of no steps, the kernel writes forces in place of the states y.
-        forces = np.empty((len(charts), self._kernel.data.n))
-        return self.integrate(charts, q, y, T, h, 0, None, losses, forces)[1:3]
-
-    def states(self, q: Array, v: Array, kinematics: Array, status: Array) -> StateEvaluation:
-        """Evaluation at states (q, v) with records of kinematics, which nobody may change afterwards.
-
-        Only runs with status 1 are measured; the status becomes 0 where the run takes its own path.
-
-        Args:
-            q: configurations (B, nq).
-            v: full velocities (B, nv).
-            kinematics: records of kinematics at q.
-            status: result (B,), and which runs are measured.
-        """
-        found = self._kernel.run_records(q.shape[:-1], kinematics)
-        self._calls.measure(q, v, *found, status, True)
-        return self._evaluator.filled_state(self._kernel, q, v, found)
-
-
-def runs_of(evaluator: Evaluator) -> CompiledRuns | None:
-    """Calls of the kernel for many runs; None where each run has to take its own path.
-
-    Args:
-        evaluator: evaluator of the reduction in which runs are measured.
-    """
-    kernel = evaluator.kernel
-    return None if kernel is None or evaluator.data.rheonomic else CompiledRuns(evaluator, kernel)
-
-
-# ---------------------------------------------------------------------- equations of motion
-
 
 State = tuple[np.ndarray, np.ndarray]
 """Configuration and y of the integrator."""

@@ -16,7 +16,7 @@ from rnc_pin.math.linear_algebra import apply_transposed
 from rnc_pin.model.integrators import ExponentialRungeKutta4, LieRungeKutta4, LinearPart, phi_functions
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.plants.constrained_dynamics import ConstrainedDynamics, Dissipation, check_conserved, runs_of
+from rnc_pin.plants.constrained_dynamics import ConstrainedDynamics, check_conserved
 
 _RANK = 1e-12  # relative singular value, or relative error of a time, that is rounding
 
@@ -163,13 +163,26 @@ class DissipativeStep:
 
     def __init__(self, dynamics: ConstrainedDynamics, friction: DryFriction) -> None:
         self._dynamics, self.friction = dynamics, friction
+        # Damping and friction as the kernel takes them, of one run.
+        self._losses = dynamics.damping, friction.entries, friction.limits[None]
         self._explicit = LieRungeKutta4(dynamics.reduced.robot)
         self._integrator = ExponentialRungeKutta4(dynamics.reduced.robot)
 
-    @property
-    def losses(self) -> Dissipation:
-        """Damping and friction, of one run."""
-        return Dissipation(self._dynamics.damping, self.friction.entries, self.friction.limits[None])
+    def compiled(
+        self, q: Array, y: Array, T: Array, h: float, steps: int, end: Array
+    ) -> tuple[Array, Array, float] | None:
+        """Result of ``advance`` by the kernel; None for rows of a user, and for steps that leave the chart.
+
+        Args:
+            q, y, T, h, steps: as for ``advance``.
+            end: array for the state y at the end; of no steps, for the generalized forces (nv,) of dry friction.
+        """
+        by = self._dynamics.chart.evaluator
+        if by.data.rheonomic:
+            return None
+        q_end, status, roughness = np.empty_like(q), np.zeros(1), np.empty(1)
+        by.calls.integrate((by.calls,), q, y, T, h, steps, None, q_end, end, status, roughness, None, *self._losses)
+        return (q_end, end, float(roughness[0])) if status[0] == 1.0 else None
 
     def friction_force(self, q: Array, y: Array, T: Array) -> Array:
         """Generalized forces (nv,) of dry friction at a state.
@@ -179,12 +192,9 @@ class DissipativeStep:
             y: state of the integrator.
             T: actuator inputs (p,).
         """
-        runs = runs_of(self._dynamics.chart.evaluator)
-        if runs is not None:
-            found, status = runs.friction((runs.chart,), q[None], y[None], T[None], INSTANT, self.losses)
-            # The kernel declines rows of a user, and steps that leave the chart.
-            if status[0] == 1.0:
-                return found[0]
+        found = self.compiled(q, y, T, INSTANT, 0, np.empty(self._dynamics.reduced.n))
+        if found is not None:
+            return found[1]
         state = self._dynamics.at(q, y)
         linear, w_dot = self._linear(state, T)
         friction = self.friction.forces_in_step(state, w_dot, linear, INSTANT)
@@ -203,11 +213,9 @@ class DissipativeStep:
         Raises:
             DivergenceError: velocities or accelerations are not finite.
         """
-        runs = runs_of(self._dynamics.chart.evaluator)
-        if runs is not None:
-            found = runs.integrate((runs.chart,), q[None], y[None], T[None], h, steps, losses=self.losses)
-            if found[2][0] == 1.0:
-                return found[0][0], found[1][0], float(found[3][0])
+        found = self.compiled(q, y, T, h, steps, np.empty_like(y))
+        if found is not None:
+            return found
         roughness = 0.0
         for _ in range(steps):
             q, y, rough = self._step(q, y, T, h)

@@ -23,7 +23,7 @@ from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.input_validation import numbers_of
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import ReducedPlant
-from rnc_pin.plants.constrained_dynamics import MAX_GROWTH, runs_of
+from rnc_pin.plants.constrained_dynamics import MAX_GROWTH
 from rnc_pin.plants.plant import IntegrationErrors
 from rnc_pin.plants.reduced_plant import Checkpoint
 from rnc_pin.simulation.run_info import Outcome
@@ -128,9 +128,9 @@ class _Batch:
             _started(number, run._replace(plant=own))
             for number, (run, own) in enumerate(zip(arguments, self._plants, strict=True))
         ]
-        calls = runs_of(self._reduced.evaluator)
-        assert calls is not None  # see _common_plant
-        self._calls, self._count = calls, 0
+        kernel = self._reduced.evaluator.kernel
+        assert kernel is not None  # see _common_plant
+        self._kernel, self._count = kernel, 0
         # One array for all runs and samples: a sample is written in one assignment.
         self._rows = np.empty((len(arguments), self._samples, self._runs[0].record.width))
         starts = [own.checkpoint() for own in self._plants]
@@ -140,7 +140,7 @@ class _Batch:
         # The kernel takes a chart of its own for each run: they end at different times.
         self._charts = np.array([_chart(own) for own in self._plants], dtype=object)
         self._errors = tuple(np.array(each) for each in zip(*(start.errors for start in starts), strict=True))
-        self._kinematics = np.empty((len(arguments), self._calls.kinematics_size))
+        self._kinematics = np.empty((len(arguments), kernel.measured_sizes[0]))
         self._deficit: Array | None = None
         self._state: State = None
 
@@ -197,16 +197,19 @@ class _Batch:
 
     def _measured(self) -> StateEvaluation:
         """States of the runs; those that are not regular leave."""
-        v, regular = np.zeros((len(self._at), self._reduced.n)), np.zeros(len(self._at))
-        # The bound of ``VelocityChart.velocity``, so that charts change where those of a run alone do.
-        limit = self._reduced.r + MAX_GROWTH
-        self._calls.velocities(tuple(self._charts), self._q, self._y, limit, self._kinematics, v, regular)
+        v, sizes, calls = np.zeros((len(self._at), self._reduced.n)), np.empty(len(self._at)), self._kernel.calls
+        calls.admissible_velocities(tuple(self._charts), self._q, self._y, None, self._kinematics, v, sizes)
+        # The bound of ``VelocityChart.velocity``, so that charts change where those of a run alone do. False for NaN.
+        regular = (sizes < self._reduced.r + MAX_GROWTH).astype(float)
         for place in np.flatnonzero(regular != 1.0).tolist():
             if self._single(place, lambda plant: plant.state):  # in another chart
                 regular[place], v[place] = 1.0, self._plants[self._at[place]].state.v
         # The states keep their configurations, while those of the runs go on.
         q = self._q.copy()
-        states = self._calls.states(q, v, self._kinematics, regular)
+        found = self._kernel.run_records(q.shape[:-1], self._kinematics)
+        # Only regular runs are measured; a run whose state the kernel leaves to NumPy is none afterwards.
+        calls.measure(q, v, *found, regular, True)
+        states = self._reduced.evaluator.filled_state(self._kernel, q, v, found)
         regular[self._runs[0].stop.stopped(states)] = 0.0
         if (regular == 1.0).all():
             return states
@@ -236,14 +239,16 @@ class _Batch:
             which = np.flatnonzero(steps_of_runs == steps)
             charts = tuple(self._charts[which])
             q, y, T, kinematics = (each[which] for each in (self._q, self._y, self._T, self._kinematics))
-            q, y, status, rough = self._calls.integrate(charts, q, y, T, self._dt / steps, steps, kinematics)
+            ends, status, rough = (np.empty_like(q), np.empty_like(y)), np.zeros(len(q)), np.zeros(len(q))
+            numbers = kinematics, *ends, status, rough, *[None] * 4  # neither rates over time, nor damping or friction
+            self._kernel.calls.integrate(charts, q, y, T, self._dt / steps, steps, *numbers)
             # The rule of ``ReducedPlant.advance``: a run beside others takes the steps of a run alone.
             before = IntegrationErrors._make(each[which] for each in self._errors)
             accepted, after = before.after(cast(float, rough), self._dt, self._plants[0].followed * self._dt)
             good = np.asarray(accepted) & (status == 1.0)
             alone[which[good]] = False
-            ends = q, y, *cast("tuple[Array, ...]", after)
-            for all_runs, some in zip((self._q, self._y, *self._errors), ends, strict=True):
+            known = (*ends, *cast("tuple[Array, ...]", after))
+            for all_runs, some in zip((self._q, self._y, *self._errors), known, strict=True):
                 all_runs[which[good]] = some[good]
         moved = np.ones(len(self._at), dtype=bool)
         for place in np.flatnonzero(alone).tolist():
@@ -284,8 +289,8 @@ class _Batch:
 
 def _chart(plant: ReducedPlant) -> object:
     """Chart of a plant for the kernel; None if the kernel cannot use it."""
-    runs = runs_of(plant.dynamics.chart.evaluator)
-    return None if runs is None else runs.chart
+    kernel = plant.dynamics.chart.evaluator.kernel
+    return None if kernel is None else kernel.calls
 
 
 def _rows(values: State, which: Array) -> State:

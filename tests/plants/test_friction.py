@@ -9,7 +9,6 @@ from scipy.optimize import lsq_linear
 import rnc_pin as rnc
 from bodies import add_body
 from rnc_pin.plants import ReducedPlant
-from rnc_pin.plants.constrained_dynamics import runs_of
 from rnc_pin.plants.friction import INSTANT, _least_energy
 from simple_controllers import Inputs
 from systems import arm_on_base, floating_robot
@@ -190,27 +189,26 @@ def test_the_kernel_takes_the_steps_of_numpy(effects):
     reduced, q0 = manipulator(*effects)
     plant = ReducedPlant(reduced, joint_damping=damping > 0.0, joint_friction=joints > 0.0)
     step, generator = plant._dissipative, np.random.default_rng(2)
-    losses, compared, stopped = step.losses, 0, 0
+    compared, stopped = 0, 0
     for _ in range(20):
         v = reduced.at(q0, 10.0 ** generator.uniform(-3.0, 0.3) * generator.standard_normal(reduced.r)).v
         T = 10.0 ** generator.uniform(-2.0, 1.0) * generator.standard_normal(reduced.p)
         plant.reset(q0, v)
-        runs, start = runs_of(plant.dynamics.chart.evaluator), (plant._q[None], plant._y[None], T[None])
-        q, y, status, roughness = (each[0] for each in runs.integrate((runs.chart,), *start, 0.02, 1, losses=losses))
-        if status != 1.0:
+        found = step.compiled(plant._q, plant._y, T, 0.02, 1, np.empty_like(plant._y))
+        if found is None:
             continue
-        compared += 1
+        (q, y, roughness), compared = found, compared + 1
         by_numpy = step._step(plant._q, plant._y, T, 0.02)
         np.testing.assert_allclose(q, by_numpy[0], rtol=0, atol=1e-11)
         np.testing.assert_allclose(y, by_numpy[1], rtol=1e-11, atol=1e-11)
         np.testing.assert_allclose(roughness, by_numpy[2], rtol=1e-6, atol=1e-9)
         stopped += np.isinf(roughness)
-        found, status = runs.friction((runs.chart,), *start, INSTANT, losses)
+        _, found, _ = step.compiled(plant._q, plant._y, T, INSTANT, 0, np.empty(reduced.n))
         state = plant.dynamics.at(plant._q, plant._y)
         linear, w_dot = step._linear(state, T)
         if len(step.friction.limits):
             forces = step.friction.forces_in_step(state, w_dot, linear, INSTANT).forces
-            np.testing.assert_allclose(found[0], forces @ step.friction.rows, rtol=1e-9, atol=1e-9)
+            np.testing.assert_allclose(found, forces @ step.friction.rows, rtol=1e-9, atol=1e-9)
     if reduced.evaluator.kernel:
         assert compared > 19
         assert stopped or not joints
