@@ -164,7 +164,8 @@ def pale(color: str) -> str:
     Args:
         color: "#rrggbb".
     """
-    return to_hex([(1.0 + part) / 2.0 for part in to_rgb(color)])
+    red, green, blue = to_rgb(color)
+    return to_hex(((1.0 + red) / 2.0, (1.0 + green) / 2.0, (1.0 + blue) / 2.0))
 
 
 def scaled(style: Dashes, width: float) -> Dashes:

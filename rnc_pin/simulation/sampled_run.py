@@ -82,7 +82,8 @@ class SampledRun:
             # Measurements of the own model are exact: an error is the controller's, and no disturbance that passes.
             loop_options["fallback"] = "raise"
         # The options of the caller last: they replace the defaults of the plant.
-        self.loop = kind(reduced, controller, dt, **{**loop_options, **options.loop})
+        loop_options.update(options.loop)
+        self.loop = kind(reduced, controller, dt, **loop_options)
         self.stop, self._dt, self.samples = StopMonitor(options.stop, reduced.robot), dt, 0
         self._zeros = zeros = np.zeros(reduced.r)
         self._fallbacks: list[int] = []  # numbers of the samples with a fallback command
