@@ -5,6 +5,7 @@ from rnc_pin.model.rows import Rows as Rows
 from .couplings import AckermannSteering as AckermannSteering
 from .couplings import JointCoupling as JointCoupling
 from .couplings import LoopClosure as LoopClosure
+from .ground_plane import GroundPlane as GroundPlane
 from .momentum import MomentumConservation as MomentumConservation
 from .pfaffian import FixedOutput as FixedOutput
 from .pfaffian import Pfaffian as Pfaffian
@@ -15,7 +16,6 @@ from .rolling_body import RollingBody as RollingBody
 from .surfaces import CurvedGround as CurvedGround
 from .surfaces import CylindricalGround as CylindricalGround
 from .surfaces import Ellipsoid as Ellipsoid
-from .surfaces import GroundPlane as GroundPlane
 from .surfaces import Sphere as Sphere
 from .surfaces import SphericalGround as SphericalGround
 from .surfaces import Torus as Torus

@@ -12,17 +12,15 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin._kernel.kernel_rows import Form, KernelRow, attached, wrench_rows
+from rnc_pin.constraints.ground_plane import GroundPlane, admit_plane, on_carrier
 from rnc_pin.constraints.surfaces import (
     BodyShape,
     CurvedGround,
     CylindricalGround,
-    GroundPlane,
     Sphere,
     SphericalGround,
     admit_ground,
-    admit_plane,
     check_positive,
-    on_carrier,
     scalar_product,
     support_numbers,
 )

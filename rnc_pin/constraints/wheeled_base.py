@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.array_shapes import Array, Float
-from rnc_pin.constraints.surfaces import GroundPlane
+from rnc_pin.constraints.ground_plane import GroundPlane
 from rnc_pin.constraints.wheels_and_blades import RollingRows
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.frame_rows import FrameVelocityRows

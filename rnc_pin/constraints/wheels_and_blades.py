@@ -13,16 +13,9 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin._kernel.kernel_rows import Form, KernelRow, attached, wrench_rows
+from rnc_pin.constraints.ground_plane import GroundPlane, admit_plane, on_carrier
 from rnc_pin.constraints.rolling_body import RollingBody
-from rnc_pin.constraints.surfaces import (
-    CurvedGround,
-    GroundPlane,
-    Torus,
-    admit_ground,
-    admit_plane,
-    check_positive,
-    on_carrier,
-)
+from rnc_pin.constraints.surfaces import CurvedGround, Torus, admit_ground, check_positive
 from rnc_pin.errors import ConfigurationError, ConstraintError
 from rnc_pin.math.linear_algebra import Entry, cross, dot
 from rnc_pin.model.frame_rows import FLAT, DirectionRows, OffsetFrame, evaluated, frame_direction
