@@ -152,17 +152,17 @@ def programs_in_stages():
     found = []
     for end in (0.3, 50.0):
         generator, N, nx, nu = np.random.default_rng(3), 6, 3, 2
-        D, C = np.zeros((N + 1, 4, nu)), np.zeros((N + 1, 4, nx))
-        D[:-1], C[-1, 0, 0] = generator.normal(size=(4, nu)), 1.0
-        C[:-1, 2:] = 0.1 * generator.normal(size=(2, nx))
+        G = np.zeros((N + 1, 4, nx + nu))
+        G[:-1, :, nx:], G[-1, 0, 0] = generator.normal(size=(4, nu)), 1.0
+        G[:-1, 2:, :nx] = 0.1 * generator.normal(size=(2, nx))
         upper = np.full((N + 1, 4), np.inf)
         upper[:-1], upper[-1, 0] = 0.3, end
-        A, B = (scale * generator.normal(size=(N, nx, size)) for scale, size in ((0.5, nx), (1.0, nu)))
+        AB = generator.normal(size=(N, nx, nx + nu)) * ([0.5] * nx + [1.0] * nu)
         g, g_end = generator.normal(size=(N, nx + nu)), generator.normal(size=nx)
         H = np.tile(np.eye(nx + nu), (N, 1, 1))
         lower = np.where(np.isinf(upper), -np.inf, np.where(upper < 1, -0.3, end))
         lower[-1, 0] = end
-        problem = LinearQuadratic(A, B, np.zeros((N, nx)), H, g, np.eye(nx), g_end, C, D, lower, upper)
+        problem = LinearQuadratic(AB, np.zeros((N, nx)), H, g, np.eye(nx), g_end, G, lower, upper)
         direction = InteriorPointSolver().solve(problem, 1e-8, 1e3)
         assert direction.iterations > 0
         found += [direction.x, direction.u, direction.costate, np.array([float(direction.iterations)])]
@@ -172,12 +172,10 @@ def programs_in_stages():
 def sizes_of_rows():
     """Typical sizes of rows that depend on states, inputs and both."""
     generator, N, nx, nu, k = np.random.default_rng(5), 7, 5, 3, 4
-    A, B, C, D = (generator.normal(size=(N + last, *shape)) for last, *shape in (
-        (0, nx, nx), (0, nx, nu), (1, k, nx), (1, k, nu)
-    ))  # fmt: skip
-    C[:, 0], D[:, 1] = 0.0, 0.0
+    AB, G = generator.normal(size=(N, nx, nx + nu)), generator.normal(size=(N + 1, k, nx + nu))
+    G[:, 0, :nx], G[:, 1, nx:], G[-1, :, nx:] = 0.0, 0.0, 0.0
     H, end, limit = np.tile(np.diag([1.0] * 5 + [0.3, 2.0, 0.0]), (N, 1, 1)), np.eye(nx), np.ones((N + 1, k))
-    linear = LinearQuadratic(0.4 * A, B, A[:, 0], H, H[:, 0], end, end[0], C, D, -limit, limit)
+    linear = LinearQuadratic(0.4 * AB, AB[:, :, 0], H, H[:, 0], end, end[0], G, -limit, limit)
     return [linear.typical_sizes]
 
 

@@ -29,6 +29,7 @@ from rnc_pin.motion.optimal.costs import (
     displacement_rows,
     input_rows,
     row_numbers,
+    stacked,
     velocity_rows,
 )
 from rnc_pin.motion.planning.action_models import ActionModel, Nodes
@@ -233,7 +234,7 @@ class DistanceRows(NodeBound):
         far = 1e3  # [m], distance of a row without a pair
         # A node with fewer near pairs has rows without effect: all nodes have the same number.
         value = np.full((nodes.size, self._count), far)
-        x = np.zeros((nodes.size, self._count, model.nx))
+        J = np.zeros((nodes.size, self._count, model.nx + model.nu))
         places = list(zip(nodes.at.q, nodes.time.tolist(), strict=True))
         near = [self.at(q, t) for q, t in places]
         self._recent.append({(q.tobytes(), t): found for (q, t), found in zip(places, near, strict=True)})
@@ -242,8 +243,8 @@ class DistanceRows(NodeBound):
             # each pair of a robot would be a hundred rows at each node.
             nearest_first = np.argsort(found.distance, kind="stable")[: self._count]
             value[k, : len(nearest_first)] = found.distance[nearest_first]
-            x[k, : len(nearest_first), : model.nv] = found.jacobian[nearest_first]
-        return RowValues(value, x)
+            J[k, : len(nearest_first), : model.nv] = found.jacobian[nearest_first]
+        return RowValues(value, J)
 
 
 class GoalRows(NodeBound):
@@ -308,15 +309,12 @@ class GoalRows(NodeBound):
 
     def _missed(self, nodes: NodeData, derivatives: bool) -> RowValues:
         """Errors of the goal."""
-        model = nodes.model
         parts = [outputs.error_rows(target, nodes, derivatives) for outputs, target in self._outputs]
         if self.configuration is not None:
             parts = [displacement_rows(self.configuration, nodes, derivatives)]
         if self._rest:
             parts.append(velocity_rows(nodes, derivatives))
-        pairs = [(each.value, each.full(model.nx, 0)[0]) for each in parts]
-        value, x = (np.concatenate(each, axis=1) for each in zip(*pairs, strict=True))
-        return RowValues(value, x if derivatives else None)
+        return stacked(parts)
 
 
 def _stated(given: Limit, names: Sequence[str]) -> Array:
@@ -413,21 +411,18 @@ def _side_slips(model: ActionModel) -> list[NodeBound]:
 
 def _position_rows(q: list[int], v: list[int], nodes: NodeData, derivatives: bool) -> RowValues:
     """Positions of joints (k,) by their places in q and in v."""
-    found = RowValues(nodes.at.q[:, q])
-    if derivatives:
-        found.x = np.zeros((nodes.size, len(v), nodes.model.nx))
-        found.x[:, range(len(v)), v] = 1.0  # q and v of joints with limits have the same entries
-    return found
+    # q and v of joints with limits have the same entries.
+    return RowValues(nodes.at.q[:, q], nodes.slopes(np.eye(nodes.model.nv)[v]) if derivatives else None)
 
 
 def _slip_rows(rows: RowStack, nodes: NodeData, derivatives: bool) -> RowValues:
     """Lateral speeds of wheels."""
     found, v = _linear_rows(rows.jacobian(nodes.position), nodes, derivatives), nodes.velocity
-    if found.x is not None:
+    if found.J is not None:
         # The slip is A(q) v. By q, it changes by the rate of A at a unit velocity along each entry of v, times v.
         for k, along in enumerate(np.eye(v.shape[1])):
             turned = nodes.position.with_velocity(np.broadcast_to(along, v.shape))
-            found.x[:, :, k] += np.matvec(rows.jacobian_dot(turned), v)
+            found.J[:, :, k] += np.matvec(rows.jacobian_dot(turned), v)
     return found
 
 
@@ -438,7 +433,4 @@ def _linear_rows(A: Array, nodes: NodeData, derivatives: bool) -> RowValues:
     # At the last node there is no flow; zero efforts, because only the velocity is read.
     none = np.zeros((nodes.size, nodes.model.reduced.p))
     flow = nodes.flow or state_derivatives(nodes.model.reduced, nodes.at.q, nodes.v2, none)
-    value, by_q, by_w = (A @ flow.v[..., None])[..., 0], A @ flow.v_q, A @ flow.v_v2
-    if nodes.model.form == "kinematic":
-        return RowValues(value, by_q, by_w)
-    return RowValues(value, np.concatenate([by_q, by_w], axis=2))
+    return RowValues((A @ flow.v[..., None])[..., 0], nodes.slopes(A @ np.concatenate([flow.v_q, flow.v_v2], axis=2)))

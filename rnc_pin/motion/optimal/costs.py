@@ -102,19 +102,25 @@ class NodeData:
         assert self.u is not None
         return self.model.flow(self.at, self.u)[1] if self.flow is None else self.flow.v2_dot
 
+    def slopes(self, J: Float[Array, "*n k j"], first: int = 0) -> Float[Array, "n k nz"]:
+        """Derivatives by (x, u), from those by some of its entries: all others are zero.
+
+        Args:
+            J: derivatives, of each node or of all.
+            first: entry of (x, u) at which they begin.
+        """
+        found = np.zeros((self.size, J.shape[-2], self.model.nx + self.model.nu))
+        found[:, :, first : first + J.shape[-1]] = J
+        return found
+
 
 @dataclass
 class RowValues:
-    """Rows at n nodes, with derivatives by the state and the input; None where they vanish or are not needed."""
+    """Rows at n nodes, with derivatives by (x, u)."""
 
     value: Float[Array, "n k"]
-    x: Float[Array, "n k nx"] | None = None
-    u: Float[Array, "n k nu"] | None = None
-
-    def full(self, nx: int, nu: int) -> tuple[Array, Array]:
-        """Both derivatives as arrays."""
-        n, k = self.value.shape
-        return (np.zeros((n, k, nx)) if self.x is None else self.x, np.zeros((n, k, nu)) if self.u is None else self.u)
+    J: Float[Array, "n k nz"] | None = None
+    """None if they are not needed."""
 
 
 NodeFunction = Callable[[NodeData, bool], RowValues]
@@ -124,18 +130,13 @@ NodeFunction = Callable[[NodeData, bool], RowValues]
 def input_rows(nodes: NodeData, derivatives: bool) -> RowValues:
     """Inputs at nodes."""
     assert nodes.u is not None
-    n, nu = nodes.u.shape
-    return RowValues(nodes.u, None, np.broadcast_to(np.eye(nu), (n, nu, nu)))
+    return RowValues(nodes.u, nodes.slopes(np.eye(nodes.model.nu), nodes.model.nx))
 
 
 def velocity_rows(nodes: NodeData, derivatives: bool) -> RowValues:
     """Reduced velocities at nodes."""
-    model, n = nodes.model, nodes.size
-    eye = np.eye(model.r)
-    if model.form == "kinematic":
-        return RowValues(nodes.v2, None, np.broadcast_to(eye, (n, model.r, model.r)))
-    x = np.concatenate([np.zeros((model.r, model.nv)), eye], axis=1)
-    return RowValues(nodes.v2, np.broadcast_to(x, (n, model.r, model.nx)))
+    # They follow the configuration in (x, u): as inputs in the kinematic form, as states in the others.
+    return RowValues(nodes.v2, nodes.slopes(np.eye(nodes.model.r), nodes.model.nv))
 
 
 def acceleration_rows(nodes: NodeData, derivatives: bool) -> RowValues:
@@ -143,22 +144,23 @@ def acceleration_rows(nodes: NodeData, derivatives: bool) -> RowValues:
     # The last state has no input, and so no acceleration with derivatives.
     if not derivatives or nodes.flow is None:
         return RowValues(nodes.acceleration)
-    by_state = np.concatenate([nodes.flow.v2_dot_q, nodes.flow.v2_dot_v2], axis=2)
-    return RowValues(nodes.acceleration, by_state, nodes.flow.v2_dot_T)
+    parts = nodes.flow.v2_dot_q, nodes.flow.v2_dot_v2, nodes.flow.v2_dot_T
+    return RowValues(nodes.acceleration, np.concatenate(parts, axis=2))
 
 
 def displacement_rows(q: Array, nodes: NodeData, derivatives: bool) -> RowValues:
     """Tangent vectors from a configuration (nq,) to nodes."""
     start, manifold = np.broadcast_to(q, nodes.at.q.shape), nodes.model.manifold
-    found = RowValues(manifold.difference(start, nodes.at.q))
-    if derivatives:
-        found.x = _by_position(nodes, manifold.difference_derivative(start, nodes.at.q))
-    return found
+    J = nodes.slopes(manifold.difference_derivative(start, nodes.at.q)) if derivatives else None
+    return RowValues(manifold.difference(start, nodes.at.q), J)
 
 
-def _by_position(nodes: NodeData, J: Array) -> Array:
-    """Derivative by the whole state, from the derivative by q."""
-    return np.concatenate([J, np.zeros((*J.shape[:2], nodes.model.nw))], axis=2)
+def stacked(parts: Sequence[RowValues]) -> RowValues:
+    """All rows of several parts."""
+    slopes = [each.J for each in parts if each.J is not None]
+    return RowValues(
+        np.concatenate([each.value for each in parts], axis=1), np.concatenate(slopes, axis=1) if slopes else None
+    )
 
 
 class NodeOutputs(SelectedOutputs):
@@ -202,7 +204,7 @@ class NodeOutputs(SelectedOutputs):
     def value_rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
         """Values at nodes."""
         at = nodes.position
-        return RowValues(self.value(at), _by_position(nodes, self.jacobian(at)) if derivatives else None)
+        return RowValues(self.value(at), nodes.slopes(self.jacobian(at)) if derivatives else None)
 
     def error_rows(self, target: Array | Reference, nodes: NodeData, derivatives: bool) -> RowValues:
         """Values minus a target, or minus a reference at the times of the nodes."""
@@ -210,7 +212,7 @@ class NodeOutputs(SelectedOutputs):
             target = np.array([target.at(float(t)).position for t in nodes.time])
         # The difference on the manifold: an angle or an orientation goes the short way round.
         at, error = nodes.position, self.error(nodes.position, target)
-        return RowValues(-error, _by_position(nodes, self.error_jacobian(at, error)) if derivatives else None)
+        return RowValues(-error, nodes.slopes(self.error_jacobian(at, error)) if derivatives else None)
 
 
 # ------------------------------------------------------------------ costs

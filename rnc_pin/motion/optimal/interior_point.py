@@ -22,21 +22,19 @@ NOT_CONVEX = "the linear-quadratic subproblem is not convex"
 class LinearQuadratic:
     """Linear-quadratic problem over N stages and a last state, in deviations from the current motion.
 
-    ``x_next = A x + B u + gap``, cost ``1/2 [x u] H [x u] + g [x u]``; x at the first stage is zero.
+    ``x_next = AB z + gap`` with ``z = (x, u)``, cost ``1/2 z H z + g z``; x at the first stage is zero.
     """
 
-    A: Float[Array, "N nx nx"]
-    B: Float[Array, "N nx nu"]
+    AB: Float[Array, "N nx nz"]
     gap: Float[Array, "N nx"]
     H: Float[Array, "N nz nz"]
     g: Float[Array, "N nz"]
     H_end: Float[Array, "nx nx"]
     g_end: Float[Array, " nx"]
-    C: Float[Array, "N1 k nx"]
-    D: Float[Array, "N1 k nu"]
+    G: Float[Array, "N1 k nz"]
     lower: Float[Array, "N1 k"]
     upper: Float[Array, "N1 k"]
-    """Rows ``lower <= C x + D u <= upper`` of every stage and of the end, where ``D`` is zero."""
+    """Rows ``lower <= G z <= upper`` of every stage and of the end, where no row has inputs."""
     holding: Float[Array, "N nu nx"] | None = None
     """Inputs by which deviations of the state change no velocity; none by default."""
 
@@ -46,7 +44,7 @@ class LinearQuadratic:
 
         Weights that vanish get the mean of the others.
         """
-        nx = self.A.shape[1]
+        nx = self.AB.shape[1]
         weights = np.einsum("nii->ni", self.H)[:, nx:].mean(axis=0)
         # The median: one heavy input does not decide about the inputs that have no weight.
         positive = weights[weights > _LEAST]
@@ -56,16 +54,16 @@ class LinearQuadratic:
     @cached_property
     def scales(self) -> Float[Array, " nz"]:
         """Scales of states, which are one, and of inputs."""
-        return np.concatenate([np.ones(self.A.shape[1]), self.input_scales])
+        return np.concatenate([np.ones(self.AB.shape[1]), self.input_scales])
 
     @cached_property
     def scaled_dynamics(self) -> Float[Array, "N nx nz"]:
-        """A and B, for scaled inputs."""
-        return np.concatenate([self.A, self.B * self.input_scales], axis=2)
+        """AB for scaled inputs."""
+        return self.AB * self.scales
 
     def scaled_hessian(self, damping: float) -> Float[Array, "N nz nz"]:
         """H for scaled inputs, with an addition to their weights: of what they add to those that hold velocities."""
-        nx, nz = self.A.shape[1], len(self.scales)
+        nx, nz = self.AB.shape[1:]
         H = self.H * np.outer(self.scales, self.scales)
         # Damping would pull an arm down if it counted the efforts that hold it: only what is added to them counts.
         if self.holding is None:
@@ -88,21 +86,19 @@ class LinearQuadratic:
 
     def _variances(self) -> Float[Array, "N1 k"]:
         """Squares of the typical sizes."""
-        AB, scales, (N, nx, nu), k = self.scaled_dynamics, self.input_scales, self.B.shape, self.C.shape[1]
+        AB, (N, nx, nz), k = self.scaled_dynamics, self.AB.shape, self.G.shape[1]
         # Inputs that hold velocities act at every stage, and the noise comes on top of them.
         if self.holding is not None:
-            AB = np.concatenate([self.A + self.B @ self.holding, AB[:, :, nx:]], axis=2)
+            AB = np.concatenate([AB[:, :, :nx] + self.AB[:, :, nx:] @ self.holding, AB[:, :, nx:]], axis=2)
         # The covariance goes forward: P' = A P A^T + B B^T in units of the scales, and C P C^T is the variance of rows.
-        rows, given = np.empty((N + 1, k)), (np.ascontiguousarray(self.C), np.ascontiguousarray(self.D))
-        if _kernel.library.variances(N, nx, nx + nu, k, AB, *given, scales, rows):
+        rows, C, D = np.empty((N + 1, k)), *map(np.ascontiguousarray, np.split(self.G, [nx], axis=2))
+        if _kernel.library.variances(N, nx, nz, k, AB, C, D, self.input_scales, rows):
             return rows
         A, noise = AB[:, :, :nx], AB[:, :, nx:]
-        P = np.concatenate([np.zeros_like(self.A[:1]), noise @ noise.mT])
+        P = np.concatenate([np.zeros((1, nx, nx)), noise @ noise.mT])
         for before, by, after in zip(P, A, P[1:], strict=False):
             after += by @ before @ by.T
-        square = ((self.C @ P) * self.C).sum(axis=2)
-        square[:-1] += ((self.D[:-1] * scales) ** 2).sum(axis=2)
-        return np.asarray(square)
+        return np.asarray(((C @ P) * C).sum(axis=2) + ((D * self.input_scales) ** 2).sum(axis=2))
 
 
 class RiccatiFactors:
@@ -263,7 +259,7 @@ class InteriorPointSolver:
         with np.errstate(all="ignore"):
             found = _without_bounds(problem, H, g, weight) if self.multipliers is None else None
             z, costate, iterations = self._within_bounds(problem, H, g, weight) if found is None else found
-        nx = problem.A.shape[1]
+        nx = problem.AB.shape[1]
         if not (np.isfinite(z).all() and np.isfinite(costate).all()):
             raise SimulationError("the linear-quadratic subproblem has no finite solution")
         return Direction(z[:, :nx], z[:-1, nx:] * problem.input_scales, costate, iterations)
@@ -333,7 +329,7 @@ def _scaled(problem: LinearQuadratic, H: Array, g: Array) -> tuple[_Scaled, Arra
     nodes = np.arange(len(limit))[:, None]
     row, limit, active = (nodes, order % k), limit[nodes, order], active[nodes, order]
     unit = np.where(order < k, active, -1.0 * active) / rows[row]
-    G = np.concatenate([problem.C[row], problem.D[row] * problem.input_scales], axis=2) * unit[:, :, None]
+    G = problem.G[row] * problem.scales * unit[:, :, None]
     # Rows without a limit have a slack of one and no force: every node has arrays of one size.
     limit, active = np.where(active, limit, 1.0), active.astype(float)
     scaled = _Scaled(problem.scaled_dynamics, problem.gap, H, g, problem.H_end, problem.g_end, G, limit, active)
@@ -347,7 +343,7 @@ def _without_bounds(problem: LinearQuadratic, H: Array, g: Array, weight: float)
     lower, upper = problem.lower / sizes, problem.upper / sizes
     rows = np.flatnonzero(lower[-1] == upper[-1])
     factors = RiccatiFactors(AB, H, problem.H_end)
-    E, goal = problem.C[-1, rows] / sizes[-1, rows, None], upper[-1, rows]
+    E, goal = problem.G[-1, rows, :nx] / sizes[-1, rows, None], upper[-1, rows]
     many = 1 + len(rows)
     slopes, g_end, gap = np.zeros((N, nz, many)), np.zeros((nx, many)), np.zeros((N, nx, many))
     slopes[:, :, 0], g_end[:, 0], gap[:, :, 0] = g, problem.g_end, problem.gap
@@ -362,8 +358,7 @@ def _without_bounds(problem: LinearQuadratic, H: Array, g: Array, weight: float)
     combination = np.concatenate([[1.0], multipliers])
     whole = np.zeros((N + 1, nz))
     whole[:-1], whole[-1, :nx] = z @ combination, x @ combination
-    value = np.matvec(problem.C, whole[:, :nx])
-    value[:-1] += np.matvec(problem.D[:-1], whole[:-1, nx:] * problem.input_scales)
+    value = np.matvec(problem.G, whole * problem.scales)
     beyond = np.maximum(lower - value / sizes, value / sizes - upper)
     # The goal is found by solving equations, whose rounding grows with the length of the motion.
     inside = beyond <= 1e-9

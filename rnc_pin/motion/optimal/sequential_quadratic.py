@@ -238,12 +238,11 @@ def _merit_of_subproblem(
     problem: LinearQuadratic, direction: Direction, cost: float, sizes: Array, weight: float
 ) -> float:
     """Merit function of the subproblem after the whole step; the linearised dynamics hold."""
-    z = np.concatenate([direction.x[:-1], direction.u], axis=1)
-    end = direction.x[-1]
+    whole = np.concatenate([direction.x, np.pad(direction.u, ((0, 1), (0, 0)))], axis=1)  # the end has no input
+    z, end = whole[:-1], direction.x[-1]
     cost += float((problem.g * z).sum() + problem.g_end @ end)
-    cost += 0.5 * float(((problem.H @ z[:, :, None])[:, :, 0] * z).sum() + end @ problem.H_end @ end)
-    value = (problem.C @ direction.x[:, :, None])[:, :, 0]
-    value[:-1] += (problem.D[:-1] @ direction.u[:, :, None])[:, :, 0]
+    cost += 0.5 * float((np.matvec(problem.H, z) * z).sum() + end @ problem.H_end @ end)
+    value = np.matvec(problem.G, whole)
     beyond = np.maximum(0.0, np.maximum(problem.lower - value, value - problem.upper))
     shift = len(beyond) - len(sizes)  # a free duration adds a stage and a row, which always holds
     return cost + weight * float((beyond[shift:, : sizes.shape[1]] / sizes).sum())

@@ -42,6 +42,7 @@ from rnc_pin.motion.optimal.costs import (
     Phase,
     PostureCost,
     RowValues,
+    stacked,
     velocity_rows,
     weights_of,
 )
@@ -254,12 +255,8 @@ class SetPointBound(BoundCost):
         factor = total ** (-(top - 1) / (2 * top))
         along = np.einsum("nk,nkv->nv", s, s_q) / total
         slopes = factor[:, :, None] * (s_q - (top - 1) / top * s[:, :, None] * along[:, None])
-        value, x = factor * s, np.concatenate([slopes, np.zeros((*slopes.shape[:2], nodes.model.nw))], axis=2)
-        if nodes.model.nw:
-            speed = velocity_rows(nodes, True)
-            value = np.concatenate([value, speed.value], axis=1)
-            x = np.concatenate([x, speed.full(x.shape[2], 0)[0]], axis=1)
-        return RowValues(value, x)
+        found = RowValues(factor * s, nodes.slopes(slopes))
+        return stacked([found, velocity_rows(nodes, True)]) if nodes.model.nw else found
 
     def _faded(self, q: Array) -> tuple[Array, Array]:
         """Coordinates whose polynomials fade far from the goal, where they do not describe the robot; with derivatives.

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy
 
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.motion.optimal.bounds import DISTANCE, GoalRows, NodeBound
@@ -158,11 +157,10 @@ class Transcription:
         """Bounded rows at every node."""
         return self._rows(*self._data(at), False)[0]
 
-    def _rows(self, nodes: NodeData, end: NodeData, derivatives: bool) -> tuple[Array, Array, Array]:
-        """Rows of every node, and their derivatives by state and input, if they are wanted."""
-        nx, nu = self.model.nx, self.model.nu
+    def _rows(self, nodes: NodeData, end: NodeData, derivatives: bool) -> tuple[Array, Array]:
+        """Rows of every node, and their derivatives by (x, u), if they are wanted."""
         values = np.zeros(self.lower.shape)
-        C, D = np.zeros((*values.shape, nx)), np.zeros((*values.shape, nu))
+        G = np.zeros((*values.shape, self.model.nx + self.model.nu))
         for data, at in ((nodes, slice(None, -1)), (end, slice(-1, None))):
             # The goal holds at the end alone. Rows of inputs hold before it: the last state has none.
             for block, where in self.blocks:
@@ -170,8 +168,8 @@ class Transcription:
                     found = block.rows(data, derivatives)
                     values[at, where] = found.value
                     if derivatives:
-                        C[at, where], D[at, where] = found.full(nx, nu)
-        return values, C, D
+                        G[at, where] = found.J
+        return values, G
 
     def excess(self, values: Values) -> Float[Array, "K1 k"]:
         """Amounts by which the rows are beyond their limits."""
@@ -205,14 +203,15 @@ class Transcription:
         nodes, end = self._data(at, steps)
         gaps = self.model.difference(Nodes(at.q[1:], at.w[1:]), steps.after)
         cost, H, g, H_end, g_end = self._costs(nodes, end, at.duration)
-        rows, C, D = self._rows(nodes, end, True)
+        rows, G = self._rows(nodes, end, True)
         limits = (self.lower - rows, self.upper - rows)
         holding, rates = None, slice(self.model.nv, None)
         if self.model.form == "dynamic":
             # Efforts that keep the velocity although the state deviates: without them, damping and typical sizes would
             # count what gravity needs, and the sizes of an unstable motion would grow from stage to stage.
             holding = -np.linalg.pinv(steps.u[:, rates]) @ (steps.x - np.eye(self.model.nx))[:, rates]
-        problem = LinearQuadratic(steps.x, steps.u, gaps, H, g, H_end, g_end, C, D, *limits, holding)
+        AB = np.concatenate([steps.x, steps.u], axis=2)
+        problem = LinearQuadratic(AB, gaps, H, g, H_end, g_end, G, *limits, holding)
         values = Values(cost, gaps, rows)
         return (self._with_duration(problem, steps.h / K, at) if self.free else problem), values
 
@@ -229,46 +228,38 @@ class Transcription:
 
     def _residuals(self, costs: Sequence[BoundCost], nodes: NodeData, root: float = 1.0) -> tuple[Array, Array]:
         """Weighted residuals (n, k) and their derivatives (n, k, nx + nu)."""
-        nx, first = self.model.nx, 0
-        count = sum(len(each.names) for each in costs)
-        r, J = np.empty((nodes.size, count)), np.zeros((nodes.size, count, nx + self.model.nu))
+        r, J = [np.empty((nodes.size, 0))], [np.empty((nodes.size, 0, self.model.nx + self.model.nu))]
         for each in costs:
             found, roots = each.rows(nodes, True), root * each.root_weights(nodes.time)
-            rows = slice(first, first + len(each.names))
-            r[:, rows] = roots * found.value
-            for columns, part in ((slice(0, nx), found.x), (slice(nx, None), found.u)):
-                if part is not None:
-                    J[:, rows, columns] = roots[:, :, None] * part
-            first = rows.stop
-        return r, J
+            r.append(roots * found.value)
+            assert found.J is not None
+            J.append(roots[:, :, None] * found.J)
+        return np.concatenate(r, axis=1), np.concatenate(J, axis=1)
 
     def _with_duration(self, problem: LinearQuadratic, by_duration: Array, at: Iterate) -> LinearQuadratic:
         """Add the duration to the state, and a first stage whose only motion is its change."""
-        K, nx, nu = problem.B.shape
-        A, B, gap = np.zeros((K + 1, nx + 1, nx + 1)), np.zeros((K + 1, nx + 1, nu)), np.zeros((K + 1, nx + 1))
-        A[1:, :nx, :nx], A[1:, :nx, nx], A[:, nx, nx] = problem.A, by_duration, 1.0
-        B[1:, :nx], gap[1:, :nx] = problem.B, problem.gap
-        order = np.r_[0:nx, nx + nu, nx : nx + nu]  # costs have the duration last
-        H, g = np.zeros((K + 1, nx + nu + 1, nx + nu + 1)), np.zeros((K + 1, nx + nu + 1))
-        H[1:], g[1:] = problem.H[:, order][:, :, order], problem.g[:, order]
-        usual = np.einsum("nii->ni", problem.H)[:, nx : nx + nu].mean(axis=0)
+        nx, nz = problem.AB.shape[1:]
+        AB = np.pad(np.insert(problem.AB, [nx], by_duration[:, :, None], axis=2), ((1, 0), (0, 1), (0, 0)))
+        AB[:, nx, nx] = 1.0
+        order = np.r_[0:nx, nz, nx:nz]  # costs have the duration last
+        H = np.zeros((self.K + 1, nz + 1, nz + 1))
+        H[1:] = problem.H[:, order][:, :, order]
+        g, gap = np.pad(problem.g[:, order], ((1, 0), (0, 0))), np.pad(problem.gap, ((1, 0), (0, 1)))
+        usual = np.einsum("nii->ni", problem.H)[:, nx:nz].mean(axis=0)
         usual = np.maximum(usual, max(1e-6 * float(usual.max()), _LEAST))
         H[0, nx + 1 :, nx + 1 :] = np.diag(usual)
         # All but the first input of this stage do nothing; with the usual weights, all stages have the same scales. The
         # first one is in units in which its weight is the curvature of the cost by the duration.
         curvature = float(problem.H[:, -1, -1].sum()) + self.time_weight / at.duration
         unit = float(np.sqrt(usual[0] / curvature)) if curvature > _LEAST else 1.0
-        B[0, nx, 0], g[0, nx + 1] = unit, self.time_weight * unit
-        C = np.zeros((K + 2, problem.C.shape[1] + 1, nx + 1))
-        C[1:, :-1, :nx] = problem.C
-        D = np.zeros((*C.shape[:2], nu))
-        D[1:, :-1], D[0, -1, 0] = problem.D, unit
-        lower, upper = np.full(C.shape[:2], -np.inf), np.full(C.shape[:2], np.inf)
-        lower[1:, :-1], upper[1:, :-1] = problem.lower, problem.upper
+        G = np.pad(np.insert(problem.G, nx, 0.0, axis=2), ((1, 0), (0, 1), (0, 0)))
+        AB[0, nx, nx + 1], g[0, nx + 1], G[0, -1, nx + 1] = unit, self.time_weight * unit, unit
+        lower = np.pad(problem.lower, ((1, 0), (0, 1)), constant_values=-np.inf)
+        upper = np.pad(problem.upper, ((1, 0), (0, 1)), constant_values=np.inf)
         lower[0, -1], upper[0, -1] = self.duration[0] - at.duration, self.duration[1] - at.duration
-        H_end = scipy.linalg.block_diag(problem.H_end, np.zeros((1, 1)))
+        H_end = np.pad(problem.H_end, (0, 1))
         holding = None if problem.holding is None else np.pad(problem.holding, ((1, 0), (0, 0), (0, 1)))
-        return LinearQuadratic(A, B, gap, H, g, H_end, np.append(problem.g_end, 0.0), C, D, lower, upper, holding)
+        return LinearQuadratic(AB, gap, H, g, H_end, np.append(problem.g_end, 0.0), G, lower, upper, holding)
 
     # ------------------------------------------------------------------ feedback
 
@@ -306,7 +297,7 @@ class Transcription:
         nv, nx, K = self.model.nv, self.model.nx, self.K
         if self.model.form == "dynamic":
             # Inputs move velocities directly, and configurations by half a step: gaps of these are left to the solver.
-            by_velocity = np.linalg.pinv(linear.B[-K:, nv:nx])
+            by_velocity = np.linalg.pinv(linear.AB[-K:, nv:nx, -self.model.nu :])
             closings = 2  # Newton steps: the gap of a second one is of fourth order
             for _ in range(closings):
                 after = self.model.step(Nodes(at.q[:-1], at.w[:-1]), at.u, np.full(K, at.duration / K))
@@ -316,15 +307,15 @@ class Transcription:
 
 def gains_of(linear: LinearQuadratic, room: Float[Array, "N1 k"]) -> Float[Array, "N nu nx"]:
     """Gains of the feedback of a linearization, and the distances of its rows from their limits."""
-    nx, inputs, sizes = linear.B.shape[1], linear.input_scales, linear.typical_sizes
+    nx, inputs, sizes = linear.AB.shape[1], linear.input_scales, linear.typical_sizes
     # Some cost for inputs without a weight: else their feedback would be infinite.
     H = linear.scaled_hessian(1e-6)
     active = ((room / sizes)[:-1] < _ACTIVE)[:, :, None]
-    of_input = active * linear.D[:-1] * inputs / sizes[:-1, :, None]
+    of_input = active * linear.G[:-1, :, nx:] * inputs / sizes[:-1, :, None]
     H[:, nx:, nx:] += _BOUND * of_input.mT @ of_input
     # Rows with one value at the end are the goal.
     equal = linear.lower[-1] == linear.upper[-1]
-    C = linear.C[-1, equal] / sizes[-1, equal, None]
+    C = linear.G[-1, equal, :nx] / sizes[-1, equal, None]
     factors = RiccatiFactors(linear.scaled_dynamics, H, linear.H_end + _GOAL * C.T @ C)
     return inputs[:, None] * factors.K
 

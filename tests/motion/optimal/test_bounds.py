@@ -116,10 +116,10 @@ def test_derivatives_of_all_limits_are_those_of_central_differences(form, model)
     limits = FileLimits().bind(model, [])
     assert limits
     for block in limits:
-        x = check_rows(model, block, at, u).full(model.nx, model.nu)[0]
+        x = check_rows(model, block, at, u).J[:, :, : model.nx]
         if form != "kinematic" and block.of_state:  # at the end there is no input
             last = block.rows(NodeData(model, at, None, np.zeros(3)), True)
-            np.testing.assert_allclose(last.full(model.nx, model.nu)[0], x, atol=1e-9)
+            np.testing.assert_allclose(last.J[:, :, : model.nx], x, atol=1e-9)
 
 
 def test_a_plan_aims_steered_wheels_without_a_lateral_row():

@@ -14,35 +14,36 @@ def subproblem(limit, end=None, seed=0, N=12, nx=4, nu=2):
     """Random subproblem with bounded inputs, and equations at the end."""
     generator = np.random.default_rng(seed)
     A = np.eye(nx) + 0.1 * generator.normal(size=(N, nx, nx))
-    B = 0.3 * generator.normal(size=(N, nx, nu))
+    AB = np.concatenate([A, 0.3 * generator.normal(size=(N, nx, nu))], axis=2)
     H = np.tile(np.diag([0.1] * nx + [1.0] * nu), (N, 1, 1))
     equations = 0 if end is None else len(end)
     k = nu + equations
-    C, D = np.zeros((N + 1, k, nx)), np.zeros((N + 1, k, nu))
+    G = np.zeros((N + 1, k, nx + nu))
     lower, upper = np.full((N + 1, k), -np.inf), np.full((N + 1, k), np.inf)
-    D[:-1, :nu], lower[:-1, :nu], upper[:-1, :nu] = np.eye(nu), -limit, limit
+    G[:-1, :nu, nx:], lower[:-1, :nu], upper[:-1, :nu] = np.eye(nu), -limit, limit
     if equations:
-        C[-1, nu:] = np.eye(nx)[:equations]
+        G[-1, nu:] = np.eye(nx + nu)[:equations]
         lower[-1, nu:] = upper[-1, nu:] = end
     g, gap = generator.normal(size=(N, nx + nu)), 0.1 * generator.normal(size=(N, nx))
-    return LinearQuadratic(A, B, gap, H, g, np.eye(nx), generator.normal(size=nx), C, D, lower, upper)
+    return LinearQuadratic(AB, gap, H, g, np.eye(nx), generator.normal(size=nx), G, lower, upper)
 
 
 def dense_solution(p):
     """Inputs (N nu,) from daqp, with the states eliminated."""
-    N, nx, nu = p.B.shape
+    A, B = np.split(p.AB, [p.AB.shape[1]], axis=2)
+    N, nx, nu = B.shape
     S, c = np.zeros((N + 1, nx, N * nu)), np.zeros((N + 1, nx))
     for k in range(N):
-        S[k + 1], c[k + 1] = p.A[k] @ S[k], p.A[k] @ c[k] + p.gap[k]
-        S[k + 1][:, k * nu : (k + 1) * nu] += p.B[k]
+        S[k + 1], c[k + 1] = A[k] @ S[k], A[k] @ c[k] + p.gap[k]
+        S[k + 1][:, k * nu : (k + 1) * nu] += B[k]
     U = np.eye(N * nu).reshape(N, nu, N * nu)
     Z = np.concatenate([S[:-1], U], axis=1)
     z = np.concatenate([c[:-1], np.zeros((N, nu))], axis=1)
     H = np.einsum("nia,nij,njb->ab", Z, p.H, Z) + S[-1].T @ p.H_end @ S[-1]
     g = np.einsum("nia,ni->a", Z, np.einsum("nij,nj->ni", p.H, z) + p.g) + S[-1].T @ (p.H_end @ c[-1] + p.g_end)
-    rows = np.einsum("nkx,nxa->nka", p.C, S)
-    rows[:-1] += np.einsum("nku,nua->nka", p.D[:-1], U)
-    offset, real = np.einsum("nkx,nx->nk", p.C, c), np.isfinite(p.upper)
+    rows = np.einsum("nkx,nxa->nka", p.G[:, :, :nx], S)
+    rows[:-1] += np.einsum("nku,nua->nka", p.G[:-1, :, nx:], U)
+    offset, real = np.einsum("nkx,nx->nk", p.G[:, :, :nx], c), np.isfinite(p.upper)
     G, low, high = rows[real], (p.lower - offset)[real], (p.upper - offset)[real]
     sense = np.where(low == high, 5, 0).astype(np.int32)
     x, _, flag, _ = daqp.solve(H, g, np.ascontiguousarray(G), high, low, sense)
@@ -67,8 +68,8 @@ def test_an_end_out_of_reach_is_approached_within_the_bounds():
     problem = subproblem(0.01, end=[50.0])
     found = InteriorPointSolver().solve(problem, damping=0.0, weight=1e6)
     assert np.abs(found.u).max() <= 0.01 * (1 + 1e-3)
-    assert problem.C[-1, 2] @ found.x[-1] < 50.0
-    costates = np.einsum("nxu,nx->nu", problem.B, found.costate[1:])
+    assert problem.G[-1, 2, :4] @ found.x[-1] < 50.0
+    costates = np.einsum("nxu,nx->nu", problem.AB[:, :, 4:], found.costate[1:])
     np.testing.assert_array_equal(np.sign(found.u), -np.sign(costates))  # every input gives its most towards the end
 
 
@@ -94,7 +95,7 @@ def test_far_from_the_optimum_a_subproblem_is_solved_less_precisely():
     problem = subproblem(0.5, end=[0.2, -0.1])
     exact, early = (InteriorPointSolver().solve(problem, 0.0, 1e5, change) for change in (None, 1.0))
     assert early.iterations < exact.iterations
-    after = np.matvec(problem.A, early.x[:-1]) + np.matvec(problem.B, early.u) + problem.gap
+    after = np.matvec(problem.AB, np.concatenate([early.x[:-1], early.u], axis=1)) + problem.gap
     np.testing.assert_allclose(early.x[1:], after, atol=1e-2 * np.abs(problem.gap).max())
     np.testing.assert_allclose(early.u, exact.u, atol=0.05)
 
