@@ -40,9 +40,9 @@ def iteration_time(reduced: rnc.ReducedModel, goal: dict[object, object], limit:
     problem = build_problem(model, start, end, 4.0, None, [InputBound(-limit, limit)], NODES)
     line = np.repeat(q0[None], NODES + 1, axis=0)
     guess = along(model, line, 4.0)
-    solver, taken = SequentialQuadratic(problem, SolverSettings()), []
+    taken = []
     for _ in range(ROUNDS):
-        solver.restart()
+        solver = SequentialQuadratic(problem, SolverSettings())
         begin = time.process_time()
         solver.iterate(guess)
         taken.append(time.process_time() - begin)

@@ -64,7 +64,7 @@ def straight_line(problem: Transcription, goal: Goal | None) -> Float[Array, "K1
     """Configurations from the start to one that reaches the goal, at equal times on a geodesic."""
     begin = problem.start.q[0]
     end = goal_configuration(problem.model.reduced, begin, goal)
-    return np.asarray(problem.model.manifold.interpolate(begin, end, np.linspace(0.0, 1.0, problem.K + 1)))
+    return _spaced(problem.model, np.array([begin, end]), problem.K)
 
 
 def _random_motions(problem: Transcription, line: Array, duration: float, seed: int) -> Iterator[tuple[str, Iterate]]:
@@ -256,23 +256,26 @@ def _driven(model: ActionModel, q0: Array, v2: Array, duration: float) -> Array:
     return kinematic.rollout(start, v2, duration / v2.shape[1])[0]
 
 
-def along(model: ActionModel, q: Array, duration: float, w: Array | None = None) -> Iterate:
-    """Motion along configurations (K + 1, nq) at equal times: velocities and inputs fit it as well as they can."""
-    v2 = _speeds(model, q, duration / (len(q) - 1)) if w is None else w
-    # Velocities of the intervals become those of the nodes between them; the motion begins at rest.
-    nodes = np.concatenate([v2[:1], (v2[:-1] + v2[1:]) / 2, v2[-1:]])
-    nodes[0] = 0.0
-    return _with_inputs(model, q, nodes, v2, duration)
+def along(
+    model: ActionModel, q: Array, duration: float, mean: Array | None = None, nodes: Array | None = None
+) -> Iterate:
+    """Motion along configurations (K + 1, nq) at equal times: velocities and inputs fit it as well as they can.
 
-
-def _with_inputs(model: ActionModel, q: Array, nodes: Array, mean: Array, duration: float) -> Iterate:
-    """Motion with the inputs that reduced velocities (K + 1, r) at the nodes need, or means (K, r) in between."""
+    Args:
+        model: action model.
+        q: the configurations.
+        duration: duration [s].
+        mean: mean reduced velocities (K, r) of the intervals; by default those that fit the configurations.
+        nodes: reduced velocities (K + 1, r); by default those between the means, from rest.
+    """
+    rate = (len(q) - 1) / duration
+    mean = _speeds(model, q, 1.0 / rate) if mean is None else mean
     if model.form == "kinematic":
         return Iterate(q, np.empty((len(q), 0)), mean, duration)
-    rates = np.diff(nodes, axis=0) * ((len(q) - 1) / duration)
-    if model.form == "acceleration":
-        return Iterate(q, nodes, rates, duration)
-    return Iterate(q, nodes, inputs_for(model, Nodes(q[:-1], nodes[:-1]), rates), duration)
+    w = np.concatenate([0.0 * mean[:1], (mean[:-1] + mean[1:]) / 2, mean[-1:]]) if nodes is None else nodes
+    rates = np.diff(w, axis=0) * rate
+    u = rates if model.form == "acceleration" else inputs_for(model, Nodes(q[:-1], w[:-1]), rates)
+    return Iterate(q, w, u, duration)
 
 
 def driven_configurations(
@@ -360,7 +363,7 @@ def _given(problem: Transcription, given: MotionPlan | Way | ArrayLike, duration
     K, model = problem.K, problem.model
     if isinstance(given, Way):
         q, nodes, mean = motion_along(given, K, duration, motion_limits(problem))
-        return _with_inputs(model, q, nodes, mean, duration)
+        return along(model, q, duration, mean, nodes)
     if isinstance(given, MotionPlan):
         inside = np.clip(given.duration, *problem.duration)
         if given.info.form == model.form and given.info.input_names == model.input_names:

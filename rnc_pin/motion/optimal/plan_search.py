@@ -15,7 +15,7 @@ from rnc_pin.model.coordinates import Coordinates, rotation_vector_rates
 from rnc_pin.motion.optimal.bounds import DISTANCE
 from rnc_pin.motion.optimal.guesses import GIVEN, resampled
 from rnc_pin.motion.optimal.motion_plan import Integration, MotionPlan, PlanInfo, PlanVerification
-from rnc_pin.motion.optimal.sequential_quadratic import LimitSolver, SequentialQuadratic, Solution, SolverSettings
+from rnc_pin.motion.optimal.sequential_quadratic import SequentialQuadratic, Solution, SolverSettings, solve_bounded
 from rnc_pin.motion.optimal.transcription import Iterate, Transcription
 from rnc_pin.motion.optimal.verification import Excess, RunLoop, excess_text, plan_findings, verify_inputs, verify_loop
 from rnc_pin.motion.planning.action_models import ActionModel, Nodes
@@ -215,13 +215,13 @@ class PlanSearch:
         kept = [bound for bound in free if not bound.of_file]
         # Motions without the bounds of distances lead past obstacles. Their iterations cost a small part of those with
         # distances, and they are a good start for them.
-        apart = SequentialQuadratic(problem.changed(bounds=kept), settings) if len(free) < len(problem.bounds) else None
-        solver = LimitSolver(problem, settings)
+        apart = problem.changed(bounds=kept) if len(free) < len(problem.bounds) else None
         for name, start in starts:
             self._tried += 1
             try:
-                start = apart.solve(start).iterate if apart is not None and name.startswith(_RELAXED) else start
-                found = replace(solver.solve(start), guess=name)
+                if apart is not None and name.startswith(_RELAXED):
+                    start = SequentialQuadratic(apart, settings).solve(start).iterate
+                found = replace(solve_bounded(problem, settings, start), guess=name)
             except RncError as error:
                 self._error = error
                 yield self._unimproved()
@@ -311,7 +311,8 @@ class PlanSearch:
         if len(start.u) != problem.K:
             start = resampled(problem.model, start, problem.K)
         try:
-            found = LimitSolver(problem, replace(self._settings, iterations=most)).solve(start, solution.weight)
+            fewer = replace(self._settings, iterations=most)
+            found = solve_bounded(problem, fewer, start, solution.weight)
         except RncError:
             return None
         self._left -= finer * found.iterations

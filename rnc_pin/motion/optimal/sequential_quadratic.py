@@ -86,7 +86,7 @@ class Solution:
 
 
 class SequentialQuadratic:
-    """Iterations on one problem.
+    """Iterations on one problem from one guess.
 
     Args:
         problem: the problem.
@@ -102,12 +102,7 @@ class SequentialQuadratic:
     """Linearization at the iterate of a whole step, in place of its values alone: the next iteration starts there."""
 
     def __init__(self, problem: Transcription, settings: SolverSettings) -> None:
-        self.problem, self.settings = problem, settings
-        self.restart()
-
-    def restart(self) -> None:
-        """Forget damping, penalties and multipliers of earlier iterations."""
-        self.interior = InteriorPointSolver()
+        self.problem, self.settings, self.interior = problem, settings, InteriorPointSolver()
         self._damping, self._weight = _FIRST_DAMPING, self.settings.penalty
         self._gap_weights = np.zeros(self.problem.model.nx)
         self._whole = False  # the last step was whole, and damping did not shorten it
@@ -123,7 +118,6 @@ class SequentialQuadratic:
         """
         s, calm, count, done, before = self.settings, 0, 0, False, np.inf
         at = self.problem.from_start(guess)
-        self.restart()
         linear, values = self.problem.linearize(at)
         self._ahead = at, linear, values
         self._weight = weight or self._weight * (1.0 + float(np.abs(linear.g * linear.scales).max(initial=0.0)))
@@ -248,30 +242,27 @@ def _merit_of_subproblem(
     return cost + weight * float((beyond[shift:, : sizes.shape[1]] / sizes).sum())
 
 
-class LimitSolver:
-    """Solver that adds the limits of the robot's file only if a solution without them exceeds one.
+def solve_bounded(problem: Transcription, settings: SolverSettings, start: Iterate, weight: float = 0.0) -> Solution:
+    """Solve a problem with the limits of the robot's file only if a solution without them exceeds one.
 
     Most motions are far within them, and rows that do not matter would take time in every iteration. In the dynamic
     form, limits of joints matter: without them, motions of least effort swing and spin.
+
+    Args:
+        problem: the problem.
+        settings: settings.
+        start: a guess, or the solution of a similar problem.
+        weight: weight of violations of the similar problem, as for ``SequentialQuadratic.solve``.
     """
-
-    def __init__(self, problem: Transcription, settings: SolverSettings) -> None:
-        least = problem.model.form == "dynamic"
-        stated = [bound for bound in problem.bounds if not bound.of_file or (least and bound.quantity != DISTANCE)]
-        self._problem, self._tolerance = problem, settings.tolerance
-        self._whole = SequentialQuadratic(problem, settings)
-        few = len(stated) < len(problem.bounds)
-        self._without = SequentialQuadratic(problem.changed(bounds=stated), settings) if few else None
-
-    def solve(self, start: Iterate, weight: float = 0.0) -> Solution:
-        """Solve the problem from a guess, or from the solution of a similar problem with its weight of violations."""
-        if self._without is None:
-            return self._whole.solve(start, weight)
-        found = self._without.solve(start, weight)
-        values = self._problem.values(found.iterate)
-        if self._problem.excess(values).max(initial=0.0) <= max(self._tolerance, found.violation.amount):
-            return found
-        # Without the weight of the other problem: new rows change the multipliers.
-        within = self._whole.solve(found.iterate)
-        within.iterations += found.iterations
-        return within
+    least = problem.model.form == "dynamic"
+    stated = [bound for bound in problem.bounds if not bound.of_file or (least and bound.quantity != DISTANCE)]
+    if len(stated) == len(problem.bounds):
+        return SequentialQuadratic(problem, settings).solve(start, weight)
+    found = SequentialQuadratic(problem.changed(bounds=stated), settings).solve(start, weight)
+    excess = problem.excess(problem.values(found.iterate)).max(initial=0.0)
+    if excess <= max(settings.tolerance, found.violation.amount):
+        return found
+    # Without the weight of the other problem: new rows change the multipliers.
+    within = SequentialQuadratic(problem, settings).solve(found.iterate)
+    within.iterations += found.iterations
+    return within

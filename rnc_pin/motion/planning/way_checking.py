@@ -1,26 +1,17 @@
-"""Motions without collisions, between samples too, and goal configurations beside obstacles and within limits."""
+"""Motions without collisions, between samples too."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Mapping, Sequence
-from itertools import count
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
-from numpy.typing import ArrayLike
 
 from rnc_pin.array_shapes import Array, Bool, Float
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection, continuous_distances
 from rnc_pin.collision.continuous_distances import default_tolerance, too_near
-from rnc_pin.errors import InfeasibleError
 from rnc_pin.model.coordinates import ConfigurationManifold
-from rnc_pin.model.input_validation import ConfigurationValidator
-from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.task import OutputTarget
-from rnc_pin.motion.planning.exact_steering import ExactMotion, Steering
-from rnc_pin.motion.planning.inverse_kinematics import IkResult, IkSearch, TangentBounds, solve_ik
+from rnc_pin.motion.planning.exact_steering import ExactMotion
 from rnc_pin.robots.robot import Robot
 
 _HALVED = 1.0 - np.array([int(f"{k:04b}"[::-1], 2) for k in range(16)]) / 16.0
@@ -136,126 +127,3 @@ def way_checker(
         return None
     distances = CollisionDistances(robot, obstacles, selection, q0)
     return WayChecker(distances, clearance) if distances.pairs else None
-
-
-# ------------------------------------------------------------------ goals
-
-_DRAWN = 4  # random starts for each further goal configuration
-
-
-def check_configuration(reduced: ReducedModel, checker: WayChecker | None, q: Array, what: str) -> None:
-    """Raise an error if a configuration is beyond a limit or too near to something."""
-    problem = _problem_of(reduced, checker, q)
-    if problem:
-        raise InfeasibleError(f"find_way: the {what} {problem}")
-
-
-def _problem_of(reduced: ReducedModel, checker: WayChecker | None, q: Array) -> str:
-    """Text about a configuration that is beyond a limit or too near to something; "" for others."""
-    bounds = position_limits(reduced)
-    moved = np.abs(bounds.clip(q) - q)
-    rounding = 1e-9  # [rad or m]; inverse kinematics and integrations end at a limit to rounding
-    if moved.max() > rounding:
-        worst = int(np.flatnonzero(bounds.q_index == int(np.argmax(moved)))[0])
-        name = reduced.robot.velocity_names[int(bounds.v_index[worst])]
-        return f"is beyond the position limit of joint '{name}' by {moved.max():.3g}"
-    near = None if checker is None else checker.violation(q)
-    return "" if near is None else f"is too near: {near[0]} are {near[1]:.3g} m apart"
-
-
-def position_limits(reduced: ReducedModel) -> TangentBounds:
-    """Position limits of the robot's file.
-
-    Args:
-        reduced: the model.
-    """
-    model = reduced.robot.model
-    return TangentBounds(model, model.lowerPositionLimit, model.upperPositionLimit, np.zeros(model.nv, dtype=bool))
-
-
-def goal_configurations(
-    goal: Mapping[OutputTarget, ArrayLike] | ArrayLike,
-    start: Array,
-    steering: Steering | None,
-    reduced: ReducedModel,
-    checker: WayChecker | None,
-    seconds: float,
-    most: int,
-    hold: Sequence[str],
-    seed: int,
-) -> Float[Array, "n nq"]:
-    """Configurations (n, nq) that reach a goal, without collisions.
-
-    Args:
-        goal: values by output, or a configuration (nq,).
-        start: start (nq,).
-        steering: exact steering; None if motions are propagated.
-        reduced: the model.
-        checker: check of motions.
-        seconds: time after which the search ends [s].
-        most: largest number of configurations for a goal of outputs.
-        hold: names of joints that keep their positions.
-        seed: seed of random starts.
-    """
-    if not isinstance(goal, Mapping):
-        end = ConfigurationValidator(reduced.robot).validate_one(goal, "goal")
-        check_configuration(reduced, checker, end, "goal")
-        return end[None]
-    beside = None
-    if checker is not None and checker.distances.obstacles:
-        # Obstacles alone repel: links that touch each other at a goal are left to the check below.
-        beside = CollisionDistances(reduced.robot, checker.distances.obstacles, PairSelection(links=False))
-    begun, found, why = time.monotonic(), list[Array](), ""
-    # The check asks for one tolerance beyond the clearance; at its very limit, rounding would decide about a goal.
-    clearance = 0.0 if checker is None else checker.clearance + 2 * checker.tolerance
-
-    bounds, (low, high) = position_limits(reduced), np.full((2, reduced.n), [[-np.pi], [np.pi]])
-    ends = [bounds.lower, bounds.upper] - start[bounds.q_index]
-    low[bounds.v_index], high[bounds.v_index] = np.clip(ends, -np.pi, np.pi)
-
-    def drawn(generator: np.random.Generator) -> Array:
-        """Random configuration near the start: joints within their limits, and not at them."""
-        step = generator.uniform(low, high)
-        for name in hold:
-            step[reduced.robot.velocity_indices(name)] = 0.0
-        return np.asarray(pin.integrate(reduced.robot.model, start, step))
-
-    def reached(begin: Array, starts: int, besides: CollisionDistances | None = None) -> tuple[IkResult, Array, str]:
-        """Result of inverse kinematics, its configuration as the end of an exact motion, and the problem with it."""
-        search = IkSearch(starts=starts, seed=seed)
-        result = solve_ik(reduced, begin, goal, hold=hold, search=search, collisions=besides, clearance=clearance)
-        q = np.array(result.q) if steering is None else steering.prepared(result.q)
-        return result, q, _problem_of(reduced, checker, q)
-
-    def same_problem() -> str:
-        """Problem that configurations from random starts share: the goal leaves no choice; "" if they differ."""
-        generator, problems = np.random.default_rng(seed), set[str]()
-        alike = 3  # random configurations at a goal with the same distance to the same obstacle: all others have it too
-        for _ in range(alike):
-            result, _, problem = reached(drawn(generator), 20)
-            if not result.converged:
-                return ""
-            problems.add(problem)
-        return problems.pop() if len(problems) == 1 else ""
-
-    generator = np.random.default_rng(seed)
-    for attempt in count():
-        enough = most if attempt < _DRAWN * most else 1  # a goal that few configurations reach is satisfied with one
-        if len(found) >= enough or (attempt and time.monotonic() - begun > seconds):
-            break
-        begin = drawn(generator) if attempt else start
-        # One descent from each random start: a start that fails is replaced by the next one.
-        result, q, problem = reached(begin, 1 if attempt else 20, beside)
-        # A goal inside an obstacle is refused at once: random starts would take all of the time in vain.
-        if not attempt and (problem or not result.converged) and (same := same_problem()):
-            raise InfeasibleError(f"find_way: the goal {same}")
-        if not result.converged:
-            why = why or f"no configuration reaches {', '.join(result.unreachable) or 'the goal beside obstacles'}"
-            continue
-        why = problem and f"the goal {problem}"
-        # The same configuration twice would take a tree of its own in the search, and give no choice.
-        if not problem and all(np.abs(q - other).max() > 1e-3 for other in found):
-            found.append(q)
-    if not found:
-        raise InfeasibleError(f"find_way: {why}")
-    return np.array(found)

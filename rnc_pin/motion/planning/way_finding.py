@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import count
 from typing import Annotated, NoReturn
 
 import numpy as np
@@ -13,7 +15,7 @@ from annotated_types import Ge
 from numpy.typing import ArrayLike
 
 from rnc_pin.array_shapes import Array, Bool, Float
-from rnc_pin.collision import Obstacle, PairSelection
+from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
 from rnc_pin.constraints.wheeled_base import WheeledBase
 from rnc_pin.constraints.wheels_and_blades import RollingRows
 from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError, SingularityError, check_extra
@@ -26,7 +28,6 @@ from rnc_pin.model.input_validation import (
 )
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import OutputTarget
-from rnc_pin.motion.planning.action_models import KinematicFlow
 from rnc_pin.motion.planning.exact_steering import (
     AimedSteering,
     CarSteering,
@@ -37,10 +38,11 @@ from rnc_pin.motion.planning.exact_steering import (
     Steering,
     base_axes,
 )
+from rnc_pin.motion.planning.inverse_kinematics import IkResult, IkSearch, TangentBounds, solve_ik
 from rnc_pin.motion.planning.way import Way, WayInfo, way_along
-from rnc_pin.motion.planning.way_checking import WayChecker, check_configuration, goal_configurations, way_checker
+from rnc_pin.motion.planning.way_checking import WayChecker, way_checker
 from rnc_pin.motion.planning.way_propagation import DEVIATION, PropagatedSearch
-from rnc_pin.motion.planning.way_search import SHORTER, SearchBudget, WaySearch, base_area, drive_times, speed_limits
+from rnc_pin.motion.planning.way_search import SHORTER, SearchBudget, WaySearch, WayTask, base_area, drive_times
 from rnc_pin.robots.joint_values import limited_positions
 
 _ATTEMPT = 4000  # motions of each further search, before it starts again with other random numbers
@@ -83,6 +85,7 @@ class WaySettings:
 
 
 _DEFAULT = WaySettings()
+_Search = WaySearch | PropagatedSearch
 
 
 def find_way(
@@ -143,19 +146,13 @@ def find_way(
     checker = way_checker(reduced.robot, start, obstacles, selection, apart)
     budget = SearchBudget(settings.seconds, settings.motions)
     check_configuration(reduced, checker, start, "start")
-    limits = settings.seconds / 2, settings.goals, settings.hold  # the search has at least half of the time
-    ends = goal_configurations(goal, start, steering, reduced, checker, *limits, seed)
-    places = np.vstack([start, ends])
+    places = np.vstack([start, goal_configurations(goal, start, steering, reduced, checker, settings, seed)])
     area = base_area(reduced, 0.0 if steering is None else steering.radius, places, obstacles, checker, settings.area)
-    speeds = speed_limits(reduced, planned)
-    search: WaySearch | PropagatedSearch
-    if steering is None:
-        search = PropagatedSearch(KinematicFlow(reduced), planned, checker, places, area, speeds, budget)
-    else:
-        search = WaySearch(steering, checker, places, area, budget)
-    motion = _fastest(search, reduced, speeds, settings, budget, seed)
+    task = WayTask(reduced, planned, checker, places, area, budget)
+    search = PropagatedSearch(task) if steering is None else WaySearch(steering, task)
+    motion = _fastest(search, task, settings, seed)
     if motion is None:
-        raise _failure(search, checker, reduced, ends, budget)
+        raise _failure(search, task)
     if steering is not None:
         motion = steering.completed(motion, start)
         # The search has moved planned joints alone: wheels and casters that follow are looked at once, at its end.
@@ -163,7 +160,7 @@ def find_way(
         if follow is not None and not follow.holds_with(steering.along(start, motion.steps), ~planned):
             raise InfeasibleError("find_way: wheels or casters that follow collide on the way: they are not round")
     kind = "propagated" if steering is None else steering.kind
-    info = WayInfo(kind, budget.elapsed, budget.motions, len(ends))
+    info = WayInfo(kind, budget.elapsed, budget.motions, len(places) - 1)
     return way_along(reduced, planned, checker, motion, info)
 
 
@@ -178,17 +175,11 @@ def _check_stands(obstacles: Sequence[Obstacle]) -> None:
             )
 
 
-def _fastest(
-    search: WaySearch | PropagatedSearch,
-    reduced: ReducedModel,
-    speeds: Float[Array, " nv"],
-    settings: WaySettings,
-    budget: SearchBudget,
-    seed: int,
-) -> ExactMotion | None:
+def _fastest(search: _Search, task: WayTask, settings: WaySettings, seed: int) -> ExactMotion | None:
     """Fastest motion that searches find until the budget is over; None for none."""
-    motion, every, attempt = search.direct(), list(reduced.robot.model.names)[1:], 0
-    direct, tight = motion is not None, base_axes(reduced.robot.model) > 0
+    model, budget = task.reduced.robot.model, task.budget
+    motion, every, attempt = search.direct(), list(model.names)[1:], 0
+    direct, tight = motion is not None, base_axes(model) > 0
     best: ExactMotion | None = None
     shortest = np.inf
     while True:
@@ -202,7 +193,7 @@ def _fastest(
         if motion is not None:
             # RRT's ways have needless detours: before they are shortened, their durations say little.
             motion = search.shortened(motion, settings.shortcuts, seed)
-            duration = float(drive_times(motion.steps, speeds).sum())
+            duration = float(drive_times(motion.steps, task.speeds).sum())
             if best is None:
                 budget.limit(settings.improve)
             if duration < (1.0 - SHORTER) * shortest:
@@ -230,18 +221,12 @@ def _steering(reduced: ReducedModel, start: Array, settings: WaySettings) -> Ste
     return steering
 
 
-def _failure(
-    search: WaySearch | PropagatedSearch,
-    checker: WayChecker | None,
-    reduced: ReducedModel,
-    ends: Array,
-    budget: SearchBudget,
-) -> InfeasibleError:
+def _failure(search: _Search, task: WayTask) -> InfeasibleError:
     """Error about a search without a way: how near it came, and what is in the way."""
-    size, near = base_axes(reduced.robot.model), search.nearest.q
-    text = f"no way found in {budget.elapsed:.0f} s, {budget.motions} motions checked"
+    size, near, checker = base_axes(task.reduced.robot.model), search.nearest.q, task.checker
+    text = f"no way found in {task.budget.elapsed:.0f} s, {task.budget.motions} motions checked"
     if size:
-        away = float(np.linalg.norm(ends[:, :size] - near[:size], axis=1).min())
+        away = float(np.linalg.norm(task.goals[:, :size] - near[:size], axis=1).min())
         text += f"; nearest {away:.2g} m from the goal, with the base at {np.round(near[:size], 2).tolist()}"
     if checker is not None and checker.blocks.any():
         worst = int(np.argmax(checker.blocks))
@@ -250,6 +235,129 @@ def _failure(
     error = InfeasibleError(f"find_way: {text}")
     error.q = near
     return error
+
+
+# ------------------------------------------------------------------ goals
+
+_DRAWN = 4  # random starts for each further goal configuration
+
+
+def check_configuration(reduced: ReducedModel, checker: WayChecker | None, q: Array, what: str) -> None:
+    """Raise an error if a configuration is beyond a limit or too near to something."""
+    problem = _problem_of(reduced, checker, q)
+    if problem:
+        raise InfeasibleError(f"find_way: the {what} {problem}")
+
+
+def _problem_of(reduced: ReducedModel, checker: WayChecker | None, q: Array) -> str:
+    """Text about a configuration that is beyond a limit or too near to something; "" for others."""
+    bounds = position_limits(reduced)
+    moved = np.abs(bounds.clip(q) - q)
+    rounding = 1e-9  # [rad or m]; inverse kinematics and integrations end at a limit to rounding
+    if moved.max() > rounding:
+        worst = int(np.flatnonzero(bounds.q_index == int(np.argmax(moved)))[0])
+        name = reduced.robot.velocity_names[int(bounds.v_index[worst])]
+        return f"is beyond the position limit of joint '{name}' by {moved.max():.3g}"
+    near = None if checker is None else checker.violation(q)
+    return "" if near is None else f"is too near: {near[0]} are {near[1]:.3g} m apart"
+
+
+def position_limits(reduced: ReducedModel) -> TangentBounds:
+    """Position limits of the robot's file.
+
+    Args:
+        reduced: the model.
+    """
+    model = reduced.robot.model
+    return TangentBounds(model, model.lowerPositionLimit, model.upperPositionLimit, np.zeros(model.nv, dtype=bool))
+
+
+def goal_configurations(
+    goal: Mapping[OutputTarget, ArrayLike] | ArrayLike,
+    start: Array,
+    steering: Steering | None,
+    reduced: ReducedModel,
+    checker: WayChecker | None,
+    settings: WaySettings,
+    seed: int,
+) -> Float[Array, "n nq"]:
+    """Configurations (n, nq) that reach a goal, without collisions, in half of the time of the settings.
+
+    Args:
+        goal: values by output, or a configuration (nq,).
+        start: start (nq,).
+        steering: exact steering; None if motions are propagated.
+        reduced: the model.
+        checker: check of motions.
+        settings: settings of the search.
+        seed: seed of random starts.
+    """
+    if not isinstance(goal, Mapping):
+        end = ConfigurationValidator(reduced.robot).validate_one(goal, "goal")
+        check_configuration(reduced, checker, end, "goal")
+        return end[None]
+    beside = None
+    if checker is not None and checker.distances.obstacles:
+        # Obstacles alone repel: links that touch each other at a goal are left to the check below.
+        beside = CollisionDistances(reduced.robot, checker.distances.obstacles, PairSelection(links=False))
+    begun, found, why = time.monotonic(), list[Array](), ""
+    # The check asks for one tolerance beyond the clearance; at its very limit, rounding would decide about a goal.
+    clearance = 0.0 if checker is None else checker.clearance + 2 * checker.tolerance
+
+    bounds, (low, high) = position_limits(reduced), np.full((2, reduced.n), [[-np.pi], [np.pi]])
+    ends = [bounds.lower, bounds.upper] - start[bounds.q_index]
+    low[bounds.v_index], high[bounds.v_index] = np.clip(ends, -np.pi, np.pi)
+
+    def drawn(generator: np.random.Generator) -> Array:
+        """Random configuration near the start: joints within their limits, and not at them."""
+        step = generator.uniform(low, high)
+        for name in settings.hold:
+            step[reduced.robot.velocity_indices(name)] = 0.0
+        return np.asarray(pin.integrate(reduced.robot.model, start, step))
+
+    def reached(begin: Array, starts: int, besides: CollisionDistances | None = None) -> tuple[IkResult, Array, str]:
+        """Result of inverse kinematics, its configuration as the end of an exact motion, and the problem with it."""
+        search = IkSearch(starts=starts, seed=seed)
+        result = solve_ik(
+            reduced, begin, goal, hold=settings.hold, search=search, collisions=besides, clearance=clearance
+        )
+        q = np.array(result.q) if steering is None else steering.prepared(result.q)
+        return result, q, _problem_of(reduced, checker, q)
+
+    def same_problem() -> str:
+        """Problem that configurations from random starts share: the goal leaves no choice; "" if they differ."""
+        generator, problems = np.random.default_rng(seed), set[str]()
+        alike = 3  # random configurations at a goal with the same distance to the same obstacle: all others have it too
+        for _ in range(alike):
+            result, _, problem = reached(drawn(generator), 20)
+            if not result.converged:
+                return ""
+            problems.add(problem)
+        return problems.pop() if len(problems) == 1 else ""
+
+    generator = np.random.default_rng(seed)
+    for attempt in count():
+        enough = (
+            settings.goals if attempt < _DRAWN * settings.goals else 1
+        )  # a goal that few configurations reach is satisfied with one
+        if len(found) >= enough or (attempt and time.monotonic() - begun > settings.seconds / 2):
+            break
+        begin = drawn(generator) if attempt else start
+        # One descent from each random start: a start that fails is replaced by the next one.
+        result, q, problem = reached(begin, 1 if attempt else 20, beside)
+        # A goal inside an obstacle is refused at once: random starts would take all of the time in vain.
+        if not attempt and (problem or not result.converged) and (same := same_problem()):
+            raise InfeasibleError(f"find_way: the goal {same}")
+        if not result.converged:
+            why = why or f"no configuration reaches {', '.join(result.unreachable) or 'the goal beside obstacles'}"
+            continue
+        why = problem and f"the goal {problem}"
+        # The same configuration twice would take a tree of its own in the search, and give no choice.
+        if not problem and all(np.abs(q - other).max() > 1e-3 for other in found):
+            found.append(q)
+    if not found:
+        raise InfeasibleError(f"find_way: {why}")
+    return np.array(found)
 
 
 # ------------------------------------------------------------------ steering that the rows allow

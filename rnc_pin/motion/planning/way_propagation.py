@@ -17,8 +17,7 @@ from rnc_pin.analysis.growth import filtration, grow
 from rnc_pin.array_shapes import Array, Bool, Float, Int
 from rnc_pin.motion.planning.action_models import KinematicFlow, Shots
 from rnc_pin.motion.planning.exact_steering import ExactMotion, base_axes
-from rnc_pin.motion.planning.way_checking import WayChecker
-from rnc_pin.motion.planning.way_search import Nearest, SearchBudget, drive_times
+from rnc_pin.motion.planning.way_search import Nearest, WayTask, drive_times
 from rnc_pin.robots.joint_values import NO_LIMIT
 
 DEVIATION = 5e-4
@@ -66,45 +65,35 @@ class PropagatedSearch:
     """Search between configurations, and shortening of what it finds.
 
     Args:
-        flow: motions of the system.
-        planned: mask (nv,) of the velocities whose joints end at the goal; all others follow.
-        checker: check of motions, with ``DEVIATION`` in its clearance.
-        ends: configurations (n, nq): the start and the goals.
-        area: smallest and largest coordinates (2, 3) of the base [m].
-        speeds: largest speeds (nv,).
-        budget: what the search may take; it counts the motions that are checked.
+        task: start, goals, and what the search may take. The clearance of its checker contains ``DEVIATION``.
 
     Attributes:
         nearest: configuration that was reached from the start so far.
     """
 
-    def __init__(
-        self,
-        flow: KinematicFlow,
-        planned: Bool[Array, " nv"],
-        checker: WayChecker | None,
-        ends: Float[Array, "n nq"],
-        area: Float[Array, "2 3"],
-        speeds: Float[Array, " nv"],
-        budget: SearchBudget,
-    ) -> None:
-        self._flow, self._planned, self._checker, self._budget = flow, planned, checker, budget
-        self._start, self._goals, self._speeds = ends[0], ends[1:], speeds
-        model = flow.reduced.robot.model
+    def __init__(self, task: WayTask) -> None:
+        self._flow, self._task, self._planned, self._checker = (
+            KinematicFlow(task.reduced),
+            task,
+            task.planned,
+            task.checker,
+        )
+        model = task.reduced.robot.model
         low, high = np.array(model.lowerPositionLimit), np.array(model.upperPositionLimit)
         limited = (low < high) & (low > -NO_LIMIT) & (high < NO_LIMIT)
         self._low, self._high = np.where(limited, low, -np.inf), np.where(limited, high, np.inf)
         joints = 0.5  # [m]; metric: joints count as a path of this length for 1 rad
-        self._weights = np.where(planned, joints, 0.0)  # a wheel that follows is as near at any angle
-        self._box = np.where(limited, [low, high], self._start + np.array([[-np.pi], [np.pi]]))
+        self._weights = np.where(task.planned, joints, 0.0)  # a wheel that follows is as near at any angle
+        self._box = np.where(limited, [low, high], task.start + np.array([[-np.pi], [np.pi]]))
         if size := base_axes(model):
             self._weights[: model.joints[1].nv] = 1.0
-            self._box[:, :size] = area[:, :size]
+            self._box[:, :size] = task.area[:, :size]
         self._reach = 0.0
-        if checker is not None:
-            self._reach = max(1.0, 2.0 * float(checker.distances.radii[: checker.distances.link_shapes].sum()))
-        self._reachable = [self._directions(goal) for goal in self._goals]
-        self.nearest = Nearest(np.inf, self._start)
+        if task.checker is not None:
+            distances = task.checker.distances
+            self._reach = max(1.0, 2.0 * float(distances.radii[: distances.link_shapes].sum()))
+        self._reachable = [self._directions(goal) for goal in task.goals]
+        self.nearest = Nearest(np.inf, task.start)
 
     def direct(self) -> None:
         """Return None: every motion needs a search."""
@@ -118,9 +107,9 @@ class PropagatedSearch:
         """
         generator = np.random.default_rng(seed)
         pin.seed(seed)
-        trees = [_Tree(self._start[None]), _Tree(self._goals)]
+        trees = [_Tree(self._task.start[None]), _Tree(self._task.goals)]
         grown = 0
-        while not self._budget.is_over:
+        while not self._task.budget.is_over:
             tree, other = trees[grown], trees[1 - grown]
             # Towards the other tree for the rest: both have to meet.
             target = other.q[generator.integers(len(other.q))]
@@ -153,7 +142,7 @@ class PropagatedSearch:
         return np.linalg.norm(self._weights * away, axis=1)
 
     def _note(self, q: Array) -> None:
-        distance = float(self._distances(self._goals, q).min())
+        distance = float(self._distances(self._task.goals, q).min())
         if distance < self.nearest.distance:
             self.nearest = Nearest(distance, np.array(q))
 
@@ -167,7 +156,7 @@ class PropagatedSearch:
         inside = np.flatnonzero(self._within(motions))
         order = np.argsort(self._distances(motions[inside, -1], target), kind="stable")
         for k in inside[order[:3]]:  # each costs a check of distances
-            self._budget.motions += 1
+            self._task.budget.motions += 1
             if self._clear(motions[k, 1:]):
                 tree.add(motions[k], parent, inputs[k])
                 tree.away[parent] += _MADE
@@ -203,7 +192,7 @@ class PropagatedSearch:
         edges = [*first, *(-each[::-1] for each in reversed(second))]
         if not edges:
             return None
-        self._goal, self._open = self._goals[goal], self._reachable[goal]
+        self._goal, self._open = self._task.goals[goal], self._reachable[goal]
         nodes = np.concatenate([before, after[-2::-1]])
         nodes[-1] = self._goal
         return self._exact(nodes, np.concatenate(edges))
@@ -304,7 +293,7 @@ class PropagatedSearch:
         q = self._with_followers(pieces)
         if np.abs(self._missed(q[-1:], self._goal[None])).max() > _END or not self._within(q):
             return None
-        self._budget.motions += 1
+        self._task.budget.motions += 1
         steps = self._flow.velocity(q[:-1], np.repeat(inputs / counts[:, None], counts, axis=0))
         motion = ExactMotion(q, steps, geodesic=False)
         if self._checker is not None and not self._checker.is_free(motion):
@@ -326,7 +315,7 @@ class PropagatedSearch:
 
     def _with_followers(self, pieces: list[Array]) -> Float[Array, "n nq"]:
         """One sequence of configurations; joints that follow continue from piece to piece."""
-        place, found = self._start, []
+        place, found = self._task.start, []
         for piece in pieces:
             away = self._flow.manifold.difference(piece[:1], place[None])
             away[:, self._planned] = 0.0
@@ -348,11 +337,11 @@ class PropagatedSearch:
         share = 0.4
         for _ in range(tries):
             faded = 0.05  # share of the inputs below which shortening ends
-            if self._budget.is_over or share < faded:
+            if self._task.budget.is_over or share < faded:
                 break
             kept = self._nodes, self._inputs
             found = self._exact(*kept, share)
-            times = [drive_times(each.steps, self._speeds).sum() for each in (motion, found) if each is not None]
+            times = [drive_times(each.steps, self._task.speeds).sum() for each in (motion, found) if each is not None]
             if found is not None and times[1] < 0.99 * times[0]:
                 motion = found
             else:

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -208,6 +210,42 @@ class SearchBudget:
         self._most = min(self._most, self.motions + further)
 
 
+@dataclass(frozen=True, eq=False)
+class WayTask:
+    """Task of a search: what moves from where to where, and what the search may take.
+
+    Args:
+        reduced: the model.
+        planned: mask (nv,) of the velocities whose joints end at the goal; all others follow.
+        checker: check of motions.
+        places: configurations (n, nq): the start and the goals.
+        area: smallest and largest coordinates (2, 3) of the base [m].
+        budget: what the search may take; it counts the motions that are checked.
+    """
+
+    reduced: ReducedModel
+    planned: Bool[Array, " nv"]
+    checker: WayChecker | None
+    places: Float[Array, "n nq"]
+    area: Float[Array, "2 3"]
+    budget: SearchBudget
+
+    @property
+    def start(self) -> Float[Array, " nq"]:
+        """Start."""
+        return self.places[0]
+
+    @property
+    def goals(self) -> Float[Array, "n nq"]:
+        """Goals."""
+        return self.places[1:]
+
+    @cached_property
+    def speeds(self) -> Float[Array, " nv"]:
+        """Largest speeds: joints that follow stand in the search, and slow down the finished way."""
+        return speed_limits(self.reduced, self.planned)
+
+
 class Nearest(NamedTuple):
     """Configuration that was reached from the start, and its distance from the nearest goal."""
 
@@ -220,37 +258,24 @@ class WaySearch:
 
     Args:
         steering: exact steering.
-        checker: check of motions.
-        places: configurations (n, nq): the start and the goals.
-        area: smallest and largest coordinates (2, 3) of the base [m].
-        budget: what the search may take; it counts the motions that are checked.
+        task: start, goals, and what the search may take.
 
     Attributes:
         nearest: configuration that was reached so far.
     """
 
-    def __init__(
-        self,
-        steering: Steering,
-        checker: WayChecker | None,
-        places: Float[Array, "n nq"],
-        area: Float[Array, "2 3"],
-        budget: SearchBudget,
-    ) -> None:
-        self._steering, self._checker, self._budget = steering, checker, budget
-        self._start, self._goals, self._area = places[0], places[1:], area
-        # Of planned joints: those that follow stand in the search, and slow down the finished way.
-        self._speeds = speed_limits(steering.reduced, steering.planned)
+    def __init__(self, steering: Steering, task: WayTask) -> None:
+        self._steering, self._task = steering, task
         # RRT asks for a motion once to add it, and the path for it again: each is checked once.
         self._known: dict[tuple[bytes, bytes], ExactMotion | None] = {}
-        self._reached = {self._start.tobytes()}
-        self.nearest = Nearest(np.inf, self._start)
+        self._reached = {task.start.tobytes()}
+        self.nearest = Nearest(np.inf, task.start)
 
     def direct(self) -> ExactMotion | None:
         """Fastest free motion to a goal that needs no search; None if there is none."""
-        found = [self.connect(self._start, goal) for goal in self._goals]
+        found = [self.connect(self._task.start, goal) for goal in self._task.goals]
         free = [motion for motion in found if motion is not None]
-        return min(free, key=lambda motion: drive_times(motion.steps, self._speeds).sum(), default=None)
+        return min(free, key=lambda motion: drive_times(motion.steps, self._task.speeds).sum(), default=None)
 
     def run(self, held: Sequence[str], most: int, seed: int) -> ExactMotion | None:
         """Search for a way; None if none is found.
@@ -264,14 +289,14 @@ class WaySearch:
         from ompl import geometric as og
         from ompl import util as ou
 
-        level = ou.getLogLevel()
+        task, budget, level = self._task, self._task.budget, ou.getLogLevel()
         ou.setLogLevel(ou.LogLevel.LOG_NONE)
         ou.RNG.setSeed(seed + 1)  # zero is none
         try:
-            space = WaySpace(self._steering, np.vstack([self._start, self._goals]), self._area, held)
+            space = WaySpace(self._steering, task.places, task.area, held)
             information = ob.SpaceInformation(space.space)
             # Motions and not seconds end an attempt: the same seed then gives the same way on any computer.
-            last = self._budget.motions + most
+            last = budget.motions + most
             failed: list[BaseException] = []
 
             def safely(answer: Callable[..., bool], states: list[ob.State]) -> bool:
@@ -307,11 +332,11 @@ class WaySearch:
             information.setStateValidityChecker(is_valid)
             information.setup()
             problem = ob.ProblemDefinition(information)
-            start = _state(information, space, self._start)
+            start = _state(information, space, task.start)
             named = dict[bytes, Array]()  # a state of OMPL has lost digits and full turns of the goal
             problem.addStartState(start)
             ends = ob.GoalStates(information)
-            for goal in self._goals:
+            for goal in task.goals:
                 ends.addState(end := _state(information, space, goal))
                 named[space.read(end).tobytes()] = goal
             problem.setGoal(ends)
@@ -319,7 +344,6 @@ class WaySearch:
             planner = og.RRTConnect(information)
             planner.setProblemDefinition(problem)
             planner.setup()
-            budget = self._budget
             over = ob.PlannerTerminationCondition(lambda: bool(failed) or budget.is_over or budget.motions >= last)
             planner.solve(over)
             if failed:
@@ -331,18 +355,14 @@ class WaySearch:
             ou.setLogLevel(level)
             _release(information)
         # The way begins and ends in what was given, to the bit.
-        q[0], q[-1] = self._start, named[q[-1].tobytes()]
+        q[0], q[-1] = task.start, named[q[-1].tobytes()]
         return self._joined(q)
 
     def _joined(self, q: Sequence[Array]) -> ExactMotion | None:
         """Motion along configurations."""
-        steps = []
-        for first, second in pairwise(q):
-            motion = self.connect(first, second)
-            if motion is None:
-                return None
-            steps.append(motion.steps)
-        return self._steering.along(self._start, np.concatenate(steps))
+        motions = [self.connect(*pair) for pair in pairwise(q)]
+        steps = [motion.steps for motion in motions if motion is not None]
+        return self._steering.along(self._task.start, np.concatenate(steps)) if len(steps) == len(motions) else None
 
     def connect(self, first: Array, second: Array) -> ExactMotion | None:
         """Free motion between two configurations; None if there is none."""
@@ -353,7 +373,8 @@ class WaySearch:
         # Of what hangs together with the start, the nearest to a goal is what the message of a failure names.
         if self._known[key] is not None and key[0] in self._reached and key[1] not in self._reached:
             self._reached.add(key[1])
-            away = self._steering.manifold.difference(np.repeat(second[None], len(self._goals), axis=0), self._goals)
+            goals = self._task.goals
+            away = self._steering.manifold.difference(np.repeat(second[None], len(goals), axis=0), goals)
             distance = float(np.linalg.norm(away[:, self._steering.planned], axis=1).min())
             if distance <= self.nearest.distance:
                 self.nearest = Nearest(distance, second)
@@ -361,11 +382,11 @@ class WaySearch:
 
     def is_free(self, motion: ExactMotion) -> bool:
         """True if no distance of a motion is too small."""
-        self._budget.motions += 1
-        return self._checker is None or self._checker.is_free(motion)
+        self._task.budget.motions += 1
+        return self._task.checker is None or self._task.checker.is_free(motion)
 
     def _is_valid(self, q: Array) -> bool:
-        return self._checker is None or self._checker.violation(q) is None
+        return self._task.checker is None or self._task.checker.violation(q) is None
 
     # ------------------------------------------------------------------ shorter ways
 
@@ -377,19 +398,19 @@ class WaySearch:
             tries: number of pairs of places.
             seed: seed of their choice.
         """
-        generator = np.random.default_rng(seed)
+        generator, speeds = np.random.default_rng(seed), self._task.speeds
         for _ in range(tries):
-            if self._budget.is_over or len(motion.steps) < 2:
+            if self._task.budget.is_over or len(motion.steps) < 2:
                 break
             # Places by time, not by node: long straight pieces are cut as often as they take.
-            ends = np.cumsum(drive_times(motion.steps, self._speeds))
+            ends = np.cumsum(drive_times(motion.steps, speeds))
             # Random pairs: the best cut of a way with many obstacles is not found by halving.
             first, last = np.sort(generator.uniform(0.0, ends[-1], 2))
             (start, begin, _), (end, _, rest) = self._cut(motion, ends, first), self._cut(motion, ends, last)
             now = last - first
             for between in self._steering.motions(start, end):
                 # The duration is known without a check of distances, which costs far more.
-                faster = drive_times(between.steps, self._speeds).sum() < (1.0 - SHORTER) * now
+                faster = drive_times(between.steps, speeds).sum() < (1.0 - SHORTER) * now
                 if faster and self.is_free(between):
                     steps = np.concatenate([begin, between.steps, rest])
                     motion = self._steering.along(motion.q[0], steps)

@@ -9,7 +9,7 @@ from rnc_pin.motion.optimal.bounds import DistanceRows
 from rnc_pin.motion.optimal.guesses import along
 from rnc_pin.motion.optimal.interior_point import InteriorPointSolver
 from rnc_pin.motion.optimal.planner import build_problem, initial_node
-from rnc_pin.motion.optimal.sequential_quadratic import LimitSolver, SequentialQuadratic
+from rnc_pin.motion.optimal.sequential_quadratic import SequentialQuadratic, solve_bounded
 from rnc_pin.motion.optimal.transcription import Transcription
 from systems import driven_panda
 
@@ -43,5 +43,5 @@ def test_whole_steps_are_linearized_at_once_and_links_that_stay_apart_take_no_pa
     links = rnc.optimal.DistanceBound(rnc.collision.CollisionDistances(reduced.robot))
     seen = count_calls(monkeypatch, DistanceRows, "measured")
     within = build_problem(model, initial_node(model, start), None, 1.0, costs, [InputBound(-25.0, 25.0), links], 40)
-    assert LimitSolver(within, SolverSettings()).solve(guess).cost == found.cost
+    assert solve_bounded(within, SolverSettings(), guess).cost == found.cost
     assert len(seen) == 2  # at the solution: links that stay apart take no part in the iterations

@@ -19,9 +19,9 @@ from places import ROOT
 from rnc_pin.model.coordinates import ConfigurationManifold
 from rnc_pin.motion.planning import WaySettings, find_way
 from rnc_pin.motion.planning.way import intervals_along, motion_along
-from rnc_pin.motion.planning.way_checking import goal_configurations, position_limits, way_checker
-from rnc_pin.motion.planning.way_finding import SampledBases
-from rnc_pin.motion.planning.way_search import SearchBudget, WaySearch, WaySpace
+from rnc_pin.motion.planning.way_checking import way_checker
+from rnc_pin.motion.planning.way_finding import SampledBases, goal_configurations, position_limits
+from rnc_pin.motion.planning.way_search import SearchBudget, WaySearch, WaySpace, WayTask
 from systems import ROLLERS, WHEEL, at_pose, driven_panda, four_bar, knife_box, mecanum, mecanum_box, tiago, with_shape
 
 Obstacle = rnc.collision.Obstacle
@@ -105,13 +105,13 @@ def test_an_arm_moves_around_an_obstacle():
 def test_a_goal_of_outputs_is_reached():
     reduced, hand = mobile_manipulator(), rnc.FramePosition("tip", "xy")
     start, goal, rows = reduced.robot.configuration(), {hand: [4.0, 1.0]}, hand.bind(reduced.robot)
-    goals = goal_configurations(goal, start, None, reduced, None, 60.0, 3, (), seed=1)
+    goals = goal_configurations(goal, start, None, reduced, None, WaySettings(goals=3), seed=1)
     assert [np.abs(one - other).max() > 1e-3 for one, other in combinations(goals, 2)] == [True] * 3
     for q in (find_way(reduced, start, goal, gap(1.6, 0.1)).q[-1], *goals):
         at = rnc.NonholonomicSystem(reduced.robot, []).reduce().at(q)
         assert rows.value(at.position) == pytest.approx([4.0, 1.0], abs=1e-5)
     limits, turned = position_limits(tiago()), {rnc.FrameYaw("base_link"): 1.0}
-    drawn = goal_configurations(turned, at_pose(tiago(), 0.0, 0.0), None, tiago(), None, 60.0, 3, (), seed=1)[1:]
+    drawn = goal_configurations(turned, at_pose(tiago(), 0.0, 0.0), None, tiago(), None, WaySettings(goals=3), 1)[1:]
     assert ((limits.lower < drawn[:, limits.q_index]) & (drawn[:, limits.q_index] < limits.upper)).all()
 
 
@@ -301,7 +301,8 @@ def test_each_shortcut_makes_a_way_faster_by_a_thousandth_at_least():
     reduced = knife_box()
     places = np.array([at_pose(reduced, *each) for each in ((0.0, 0.0), (2.0, 2.0, 1.0), (4.0, 0.0))])
     steering = rnc.planning.find_steering(reduced, places[0])
-    search = WaySearch(steering, None, places[[0, 2]], np.array([[-9.0] * 3, [9.0] * 3]), SearchBudget(9.0))
+    area, budget = np.array([[-9.0] * 3, [9.0] * 3]), SearchBudget(9.0)
+    search = WaySearch(steering, WayTask(reduced, steering.planned, None, places[[0, 2]], area, budget))
     detour = search._joined(places)
     ways = [search.shortened(detour, tries, seed=3) for tries in range(40)]
     times = [np.abs(way.steps[:, [0, 2]]).max(axis=1).sum() for way in ways]

@@ -5,9 +5,8 @@ import pytest
 import scipy
 
 from benchmarks.planned_models import tractor
-from rnc_pin.motion.planning.action_models import KinematicFlow
 from rnc_pin.motion.planning.way_propagation import PropagatedSearch
-from rnc_pin.motion.planning.way_search import SearchBudget
+from rnc_pin.motion.planning.way_search import SearchBudget, WayTask
 
 
 def search_of(count):
@@ -15,7 +14,7 @@ def search_of(count):
     reduced, generator = tractor(1), np.random.default_rng(3)
     q = np.array([reduced.random_configuration(generator, 0.4) for _ in range(count)])
     area, every = np.array([[-9.0, -9.0, -9.0], [9.0, 9.0, 9.0]]), np.ones(5)
-    return PropagatedSearch(KinematicFlow(reduced), every > 0, None, q[:2], area, every, SearchBudget(9.0)), q
+    return PropagatedSearch(WayTask(reduced, every > 0, None, q[:2], area, SearchBudget(9.0))), q
 
 
 @pytest.mark.parametrize("loose", [1.0, 7.0])
