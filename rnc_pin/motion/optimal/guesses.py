@@ -268,12 +268,12 @@ def along(
         mean: mean reduced velocities (K, r) of the intervals; by default those that fit the configurations.
         nodes: reduced velocities (K + 1, r); by default those between the means, from rest.
     """
-    rate = (len(q) - 1) / duration
-    mean = _speeds(model, q, 1.0 / rate) if mean is None else mean
+    K = len(q) - 1
+    mean = _speeds(model, q, duration / K) if mean is None else mean
     if model.form == "kinematic":
         return Iterate(q, np.empty((len(q), 0)), mean, duration)
     w = np.concatenate([0.0 * mean[:1], (mean[:-1] + mean[1:]) / 2, mean[-1:]]) if nodes is None else nodes
-    rates = np.diff(w, axis=0) * rate
+    rates = np.diff(w, axis=0) * (K / duration)
     u = rates if model.form == "acceleration" else inputs_for(model, Nodes(q[:-1], w[:-1]), rates)
     return Iterate(q, w, u, duration)
 
