@@ -208,16 +208,16 @@ class PlacedShapes:
 
 @dataclass(eq=False)
 class Ghost(Element):
-    """Pale copy of the robot at another configuration.
+    """Pale copy of the robot at the configuration of a compared run.
 
     Attributes:
         robot: robot to copy.
-        configuration: configuration (nq,) at a state.
+        index: its number among the compared runs.
         source: group of the shapes to copy.
     """
 
     robot: Robot
-    configuration: Callable[[DrawnState], np.ndarray]
+    index: int
     source: str
 
     def __post_init__(self) -> None:
@@ -229,7 +229,7 @@ class Ghost(Element):
             scene.copy(f"{self.node}/{name}", f"{self.source}/{name}", self.entry.color, 0.4)
 
     def update(self, scene: MeshcatScene, state: DrawnState) -> None:
-        self._shapes.place(scene, self.configuration(state))
+        self._shapes.place(scene, state.others[self.index])
 
 
 def _cylinder(middle: np.ndarray, along: np.ndarray, height: float, radius: float) -> np.ndarray:
@@ -454,23 +454,23 @@ class SceneKinematics:
             return lambda state: np.r_[self.lines_of_action_at(state)[0][row][:2], ground]
 
         drawn = self.robot.drawn_geometry
+        shapes = [] if drawn is None else [s for s in drawn.geometryObjects if isinstance(s.geometry, coal.Cylinder)]
+
+        def on_axle(shape: pin.GeometryObject, point: np.ndarray, along: np.ndarray) -> bool:
+            placement, radius = self.shape_placement(shape, state.q), shape.geometry.radius
+            # Across the axle, from above: a row may act at the middle of an axle with several wheels.
+            aside = np.cross((placement.translation - point) * [1.0, 1.0, 0.0], along)
+            parallel = abs(placement.rotation[:, 2] @ along) > 0.99
+            low = abs(placement.translation[2] - radius - ground) < 0.25 * radius
+            return bool(parallel and low and np.linalg.norm(aside) < 0.05 * radius)
+
         for row, (point, along) in enumerate(zip(points, directions, strict=True)):
             # A vertical row carries a wheel; rolling and lateral rows of the same wheel find it.
             if np.isnan(point).any() or abs(along[2]) > 0.5:
                 continue
-            found = False
-            for shape in () if drawn is None else drawn.geometryObjects:
-                if not isinstance(shape.geometry, coal.Cylinder):
-                    continue
-                placement = self.shape_placement(shape, state.q)
-                radius = shape.geometry.radius
-                # Across the axle, from above: a row may act at the middle of an axle with several wheels.
-                aside = np.cross((placement.translation - point) * [1.0, 1.0, 0.0], along)
-                on_axle = abs(placement.rotation[:, 2] @ along) > 0.99 and np.linalg.norm(aside) < 0.05 * radius
-                if on_axle and abs(placement.translation[2] - radius - ground) < 0.25 * radius:
-                    tracks[shape.name] = under(shape)
-                    found = True
+            wheels = {shape.name: under(shape) for shape in shapes if on_axle(shape, point, along)}
+            tracks |= wheels
             # Rows of one contact share a point, which leaves one track.
-            if not found and not any(np.linalg.norm(track(state)[:2] - point[:2]) < 1e-6 for track in tracks.values()):
+            if not wheels and not any(np.linalg.norm(track(state)[:2] - point[:2]) < 1e-6 for track in tracks.values()):
                 tracks[f"row {row}"] = where_row_acts(row)
         return tracks

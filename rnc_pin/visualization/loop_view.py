@@ -9,6 +9,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Generic, TypeVar
 
@@ -28,7 +29,7 @@ from rnc_pin.visualization.browser.page import LOOPBACK
 from rnc_pin.visualization.browser.scene_server import ControlPanel, SceneWindow
 from rnc_pin.visualization.drawn_state import DrawnModel, DrawnState, View, live_state
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
-from rnc_pin.visualization.run_scene import RunScene, ShownRun
+from rnc_pin.visualization.run_scene import RunScene
 from rnc_pin.visualization.scene_bodies import check_drawable
 
 RATE = 30.0  # frames per second
@@ -152,13 +153,14 @@ class LiveView:
         """
         if self._run_scene is None:
             # The first command shows which outputs have goals.
-            goals = self._info.goals or [
+            goals = self._info.goals or tuple(
                 name
-                for kind, desired in (("x1", state.x1_desired), ("x2", state.x2_desired))
-                for name, value in zip(self._info.outputs.of(kind).names, desired, strict=False)
+                for kind in ("x1", "x2")
+                for name, value in zip(self._info.outputs.of(kind).names, state.desired(kind), strict=False)
                 if np.isfinite(value)
-            ]
-            self._run_scene = RunScene(ShownRun(self._model, self._info, goals), self._view, self.scene, state)
+            )
+            info = replace(self._info, goals=goals)
+            self._run_scene = RunScene(self._model, info, self._view, self.scene, state)
             title = self.window.title if self.window.title != "rnc_pin" else ""
             self.scene.overlay(title, self._run_scene.overlay.labels(), self._run_scene.legend())
         now = time.monotonic()

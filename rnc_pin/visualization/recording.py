@@ -20,7 +20,7 @@ from rnc_pin.simulation import Trajectory
 from rnc_pin.visualization.browser.scene_server import SceneWindow
 from rnc_pin.visualization.drawn_state import RATE, DrawnModel, View, even_times, recorded_states
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
-from rnc_pin.visualization.run_scene import RunScene, ShownRun
+from rnc_pin.visualization.run_scene import RunScene
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -60,10 +60,9 @@ class Recording(SummaryMixin):
                 raise InputError(f"'{label}': too few samples to play: {len(each.time)}, expected at least 2")
         # At the rate of the page and not of the run: a page holds 25 states for each second.
         states = list(recorded_states(robot, trajectory, RATE, list(others.values())))
-        shown = ShownRun(drawn_model, trajectory.info, trajectory.info.goals, trajectory, others)
         self.duration = float(trajectory.time[-1])
         self._scene = MeshcatScene(SceneWindow(title), RATE)
-        run_scene = RunScene(shown, view or View(), self._scene, states[0])
+        run_scene = RunScene(drawn_model, trajectory.info, view or View(), self._scene, states[0], trajectory, others)
         frames, chips = [], []
         for self._scene.frame, state in enumerate(states):
             run_scene.update(state)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
 from functools import partial
 from itertools import cycle
+from types import MappingProxyType
 
 import numpy as np
 import pinocchio as pin
@@ -19,69 +19,61 @@ from rnc_pin.visualization import elements as e
 from rnc_pin.visualization import meshcat_scene
 from rnc_pin.visualization.drawn_state import RATE, DrawnModel, DrawnState, View, tracked_frames
 from rnc_pin.visualization.elements import Overlay, SceneKinematics
-from rnc_pin.visualization.scene_bodies import corners_over_time, draw_robot, ground_elements, obstacle_elements
+from rnc_pin.visualization.scene_bodies import corners_over_time, draw_robot, ground_elements, obstacle_element
 
 _TRAILS = (e.VERMILLION, e.BLUE, e.GREEN, e.PURPLE)
-
-
-@dataclass
-class ShownRun:
-    """Run to show, live or finished.
-
-    Attributes:
-        drawn_model: robot, and its reduced model if there is one.
-        info: names of the outputs, and provenance of the run.
-        goals: outputs that have goals.
-        trajectory: trajectory of a finished run; None for a live run.
-        comparisons: compared runs by label.
-    """
-
-    drawn_model: DrawnModel
-    info: RunInfo
-    goals: Sequence[str]
-    trajectory: Trajectory | None = None
-    comparisons: Mapping[str, Trajectory] = field(default_factory=dict)
 
 
 class RunScene:
     """Scene of a robot with all drawn elements.
 
     Args:
-        shown: run to show.
+        model: robot, and its reduced model if there is one.
+        info: names of the outputs, goals and provenance of the run.
         view: view options.
         scene: Meshcat scene to draw in.
         first: first state.
+        run: trajectory of a finished run; None for a live run.
+        comparisons: compared runs by label.
 
     Raises:
         ModelError: the robot has no geometry, or a frame of the view does not exist.
     """
 
-    def __init__(self, shown: ShownRun, view: View, scene: meshcat_scene.MeshcatScene, first: DrawnState) -> None:
-        self.shown, self.view, self.scene = shown, view, scene
-        self.robot, self.reduced = shown.drawn_model.robot, shown.drawn_model.reduced
-        self.outputs = shown.info.outputs
+    def __init__(
+        self,
+        model: DrawnModel,
+        info: RunInfo,
+        view: View,
+        scene: meshcat_scene.MeshcatScene,
+        first: DrawnState,
+        run: Trajectory | None = None,
+        comparisons: Mapping[str, Trajectory] = MappingProxyType({}),
+    ) -> None:
+        self.model, self.info, self.view, self.scene = model, info, view, scene
+        self.run, self.comparisons = run, comparisons
+        self.robot, self.reduced, self.outputs = model.robot, model.reduced, info.outputs
         self.shapes = draw_robot(self.robot, scene)
         rows = self.reduced.constraints if self.reduced and self.reduced.m else None
         self.kinematics = SceneKinematics(self.robot, rows)
-        run = shown.trajectory
-        # The camera needs the extent of the motion only: a dozen configurations show it.
-        moments = first.q[None] if run is None else run.q[:: max(1, len(run.q) // 12)]
+        self._known = first.q[None] if run is None else run.q  # configurations (N, nq)
         # All widths and arrows scale with the robot, within what a camera shows.
         self.size = float(np.clip(np.linalg.norm(np.ptp(self.kinematics.corners(first.q), axis=0)) / 2, 0.05, 20.0))
         self._largest_force = 1e-9  # the largest so far scales the arrows of a live view
-        self.ground = shown.drawn_model.ground_height(view)
-        self._path, self._width = shown.info.provenance.path, 0.012 * self.size
+        self.ground = model.ground_height(view)
+        self._path, self._width = info.provenance.path, 0.012 * self.size
         # Tracks are slightly above the grid, otherwise both would flicker.
         self._floor = (self.ground or 0.0) + 0.004 * self.size
         # About sixty pieces of a path appear over a recording of any length: each is an object of the page.
         self._piece = 30 if run is None else max(1, round(run.time[-1] * RATE / 60))
         self._follower: meshcat_scene.Follower | None = None
         times = (first.time,) if run is None else np.linspace(run.time[0], run.time[-1], 5).tolist()
-        bodies = corners_over_time(shown.drawn_model.obstacles, times)
-        self._look(first, np.concatenate([*(self.kinematics.corners(q) for q in moments), bodies]))
-        self.tracked = tracked_frames(self.outputs, shown.goals, self.robot)
+        # The camera needs the extent of the motion only: a dozen configurations show it.
+        bodies = [*map(self.kinematics.corners, self._moments(12)), corners_over_time(model.obstacles, times)]
+        self._look(first, np.concatenate(bodies))
+        self.tracked = tracked_frames(self.outputs, info.goals, self.robot)
         self.elements = self._elements(first)
-        self.overlay = Overlay(self.outputs, shown.goals, self.kinematics, self.reduced is not None)
+        self.overlay = Overlay(self.outputs, info.goals, self.kinematics, self.reduced is not None)
         for element in self.elements:
             element.build(scene)
         for entry in self.legend():
@@ -114,6 +106,10 @@ class RunScene:
             for layer, entry in entries.items()
         ]
 
+    def _moments(self, most: int) -> np.ndarray:
+        """About this number of known configurations."""
+        return self._known[:: max(1, len(self._known) // most)]
+
     # ------------------------------------------------------------------ camera
 
     def _look(self, first: DrawnState, points: np.ndarray) -> None:
@@ -131,23 +127,21 @@ class RunScene:
         if self.ground is not None:
             self.scene.grid(self.ground, target, max(10.0, 2.5 * radius))
         # A live run has no known end, so that the camera has to be ready to follow.
-        if far or view.camera is not None or self.shown.trajectory is None:
+        if far or view.camera is not None or self.run is None:
             close = view.camera is None and self._path is None
             self._follower = meshcat_scene.Follower(camera, target, self.kinematics.center_of_mass(first.q), close)
 
     # ------------------------------------------------------------------ elements
 
     def _elements(self, first: DrawnState) -> list[e.Element]:
-        found: list[e.Element] = [*obstacle_elements(self.shown.drawn_model.obstacles)]
+        found: list[e.Element] = [obstacle_element(each) for each in self.model.obstacles]
         for part in (self._grounds, self._plan, self._references, self._paths, self._tracks,
                      self._constraints, self._switching, self._redundancy, self._compared):  # fmt: skip
             found += part(first)
         return found
 
     def _grounds(self, first: DrawnState) -> list[e.Element]:
-        run = self.shown.trajectory
-        moments = first.q[None] if run is None else run.q[:: max(1, len(run.q) // 50)]
-        return ground_elements(self.reduced, self.kinematics, moments, self.size)
+        return ground_elements(self.reduced, self.kinematics, self._moments(50), self.size)
 
     def _plan(self, first: DrawnState) -> list[e.Element]:
         plan = self._path
@@ -164,13 +158,24 @@ class RunScene:
         heights = np.array(plan.heights) if plan.heights else np.full(len(plan.poses), height)
         return np.column_stack([np.array(plan.poses)[:, :2], heights])
 
-    def _desired(self, frame: str, columns: Mapping[int, tuple[str, int]]) -> Callable[[DrawnState], np.ndarray]:
+    def _goal_pose(self, frame: str, columns: Mapping[int, tuple[str, int]]) -> Callable[[DrawnState], np.ndarray]:
+        """Pose (4, 4) of a goal; its axes are those of the world without a desired attitude or heading."""
         actual = self.kinematics.point(frame)
-        turned = self._desired_attitude(frame)
+        # By name, as in ``tracked_frames``: a run from a file has no outputs, only their names.
+        names = {f"{frame}_orientation_x": 3, f"{frame}_yaw": 1}
+        turns = [
+            (*place, size)
+            for name, size in names.items()
+            if name in self.info.goals and (place := self.outputs.find(name)) is not None
+        ]
 
         def pose(state: DrawnState) -> np.ndarray:
             matrix = np.eye(4)
-            matrix[:3, :3], matrix[:3, 3] = turned(state), actual(state)
+            matrix[:3, 3] = actual(state)
+            for kind, first, size in turns[:1]:
+                turn = np.array([0.0, 0.0, *state.desired(kind)[first : first + size]])[-3:]  # a heading is about z
+                if np.isfinite(turn).all():
+                    matrix[:3, :3] = pin.exp3(turn)
             for axis, (kind, column) in columns.items():
                 value = state.desired(kind)[column]
                 # NaN where a controller tells no target: the frame shows its own coordinate there.
@@ -180,22 +185,13 @@ class RunScene:
 
         return pose
 
-    def _desired_attitude(self, frame: str) -> Callable[[DrawnState], np.ndarray]:
-        """Axes (3, 3) of the goal: from the desired attitude, otherwise the desired heading, otherwise the identity."""
-        # By name, as in ``tracked_frames``: a run from a file has no outputs, only their names.
-        for name, size in ((f"{frame}_orientation_x", 3), (f"{frame}_yaw", 1)):
-            column = self.outputs.find(name)
-            if name in self.shown.goals and column is not None:
-                return _attitude(*column, size)
-        return _constant(np.eye(3))
-
     def _references(self, first: DrawnState) -> list[e.Element]:
         found: list[e.Element] = []
-        run = self.shown.trajectory
+        run = self.run
         line = e.LayerEntry("reference", "reference", e.BLACK, "dotted")
         goal = e.LayerEntry("goal", "goal", e.BLACK, "dot")
         for frame, columns in self.tracked.items():
-            pose = self._desired(frame, columns)
+            pose = self._goal_pose(frame, columns)
             planned = self._path is not None and self._path.frame == frame and self.ground is not None
             if run is None:
                 if not planned:
@@ -242,8 +238,8 @@ class RunScene:
 
     def _switching(self, first: DrawnState) -> list[e.Element]:
         """Forces of constraints that act during a part of the run; the others are drawn already."""
-        run, kept = self.shown.trajectory, () if self.reduced is None else self.reduced.constraints.names
-        blocks = {rows.names: rows for rows in (kind.bind(self.robot) for kind in self.shown.drawn_model.switching)}
+        run, kept = self.run, () if self.reduced is None else self.reduced.constraints.names
+        blocks = {rows.names: rows for rows in (kind.bind(self.robot) for kind in self.model.switching)}
         # Only a finished run knows which of them ever act.
         if run is None or not blocks:
             return []
@@ -257,7 +253,7 @@ class RunScene:
 
     def _forces(self, kinematics: SceneKinematics, columns: Mapping[int, int], prefix: str) -> list[e.Element]:
         """Forces of the rows of kinematics, each with its multiplier."""
-        run, entry = self.shown.trajectory, e.LayerEntry("constraint force", "constraint forces", e.ORANGE, "arrow")
+        run, entry = self.run, e.LayerEntry("constraint force", "constraint forces", e.ORANGE, "arrow")
         if run is not None:
             values = np.abs(np.nan_to_num(run.multipliers[:, list(columns.values())]))
             # A finished run is known whole: one scale for all of its arrows.
@@ -276,10 +272,10 @@ class RunScene:
 
     def _redundancy(self, first: DrawnState) -> list[e.Element]:
         """Velocities of bodies in motions that leave the primary outputs alone, each the motion of another output."""
-        reduced, task, links_of = self.reduced, self.shown.info.provenance.task, self.robot.links_of
+        reduced, task, links_of = self.reduced, self.info.provenance.task, self.robot.links_of
         if reduced is None or not self.view.redundancy:
             return []
-        names, primary = reduced.reducing.names, self.shown.goals if task is None else task.primary
+        names, primary = reduced.reducing.names, self.info.goals if task is None else task.primary
         # First and last link of each joint: arrows on all of them would cover each other.
         ends = {name for k in range(1, self.robot.model.njoints) for name in (*links_of(k)[:1], *links_of(k)[-1:])}
         frames = [self.robot.frame_id(name) for name in sorted(ends)]
@@ -303,33 +299,16 @@ class RunScene:
 
     def _compared(self, first: DrawnState) -> list[e.Element]:
         found: list[e.Element] = []
-        others = self.shown.comparisons
         # Without vermillion, which is the colour of this run's own first path.
-        colors = (e.BLUE, e.PURPLE, e.GREEN, e.ORANGE)
-        for k, (label, color) in enumerate(zip(others, cycle(colors), strict=False)):
+        colors = cycle((e.BLUE, e.PURPLE, e.GREEN, e.ORANGE))
+        for k, ((label, other), color) in enumerate(zip(self.comparisons.items(), colors, strict=False)):
             entry = e.LayerEntry(label, f"compared/{k}", color)
-
-            def configuration(state: DrawnState, k: int = k) -> np.ndarray:
-                return state.others[k]
-
-            found.append(e.Ghost(entry, "robot", self.robot, configuration, self.shapes.node))
+            found.append(e.Ghost(entry, "robot", self.robot, k, self.shapes.node))
             for frame in self.view.trail or self.tracked:
                 # At most about 400 points: a page does not show more.
-                path = self.kinematics.path(frame, others[label].q[:: max(1, len(others[label].q) // 400)])
+                path = self.kinematics.path(frame, other.q[:: max(1, len(other.q) // 400)])
                 found.append(e.FixedPath(entry, f"path of {frame}", path, 0.7 * self._width))
         return found
-
-
-def _attitude(kind: str, first: int, size: int) -> Callable[[DrawnState], np.ndarray]:
-    """Axes (3, 3) from a desired rotation vector (size 3) or a desired heading (size 1)."""
-
-    def axes(state: DrawnState) -> np.ndarray:
-        value = state.desired(kind)[first : first + size]
-        if not np.isfinite(value).all():
-            return np.eye(3)
-        return np.asarray(pin.exp3(value if size == 3 else np.array([0.0, 0.0, value[0]])))
-
-    return axes
 
 
 def _constant(pose: np.ndarray) -> Callable[[DrawnState], np.ndarray]:

@@ -9,7 +9,7 @@ A page includes the textures of Collada meshes, so each texture must be an image
 from __future__ import annotations
 
 from base64 import b64encode
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -238,36 +238,44 @@ def hull_from_above(points: np.ndarray) -> np.ndarray:
 
 
 @dataclass(eq=False)
-class ObstacleElement(Element):
-    """Obstacle in the scene, at rest or in motion."""
+class Solid(Element):
+    """Body in the scene, in the colour of its entry.
 
-    obstacle: Obstacle
+    Attributes:
+        shape: its geometry.
+        opacity: from 0 to 1.
+        pose: its pose at a state.
+        moves: False if the pose is always the same.
+    """
+
+    shape: mg.Geometry
+    opacity: float
+    pose: Callable[[DrawnState], pin.SE3]
+    moves: bool
 
     def __post_init__(self) -> None:
-        self._drawn = False
+        self._placed = False
 
     def build(self, scene: MeshcatScene) -> None:
-        bounded = 0.75  # opacity that shows the robot behind
-        unbounded = 0.3  # of planes and half spaces, which would hide most of the picture
-        opacity = unbounded if self.obstacle.unbounded else bounded
-        scene.mesh(self.node, _drawable(self.obstacle.shape), GREY, opacity)
+        scene.mesh(self.node, self.shape, self.entry.color, self.opacity)
 
     def update(self, scene: MeshcatScene, state: DrawnState) -> None:
-        # Placed once: each command of a live page is sent to all browsers.
-        if self.obstacle.motion is None and self._drawn:
-            return
-        self._drawn = True
-        scene.place(self.node, self.obstacle.placement(state.time).homogeneous)
+        # Placed once if it rests: each command of a live page is sent to all browsers.
+        if self.moves or not self._placed:
+            scene.place(self.node, self.pose(state).homogeneous)
+        self._placed = True
 
 
-def obstacle_elements(obstacles: Iterable[Obstacle]) -> list[Element]:
-    """Elements of obstacles.
+def obstacle_element(obstacle: Obstacle) -> Element:
+    """Element of an obstacle, at rest or in motion.
 
     Args:
-        obstacles: the obstacles.
+        obstacle: the obstacle.
     """
-    entry = LayerEntry("obstacles", "obstacles", GREY, "dot")
-    return [ObstacleElement(entry, each.name, each) for each in obstacles]
+    entry, moves = LayerEntry("obstacles", "obstacles", GREY, "dot"), obstacle.motion is not None
+    opacity = 0.3 if obstacle.unbounded else 0.75  # both show the robot behind; a plane would hide most of the picture
+    shape = _drawable(obstacle.shape)
+    return Solid(entry, obstacle.name, shape, opacity, lambda state: obstacle.placement(state.time), moves)
 
 
 def _drawable(shape: coal.CollisionGeometry) -> mg.Geometry:
@@ -304,19 +312,16 @@ def corners_over_time(obstacles: Sequence[Obstacle], times: Sequence[float]) -> 
 # ---------------------------------------------------------------------- ground
 
 
-GROUND = LayerEntry("ground", "surface", GREEN, "dot")
-
-
-def seen_from(ground: GroundSurface, kinematics: SceneKinematics, q: np.ndarray) -> np.ndarray:
-    """Centre of mass of the robot (3,) [m], in the axes of the body that carries a ground, or of the world.
+def ground_pose(ground: GroundSurface, kinematics: SceneKinematics, q: np.ndarray) -> pin.SE3:
+    """Pose of the body that carries a ground, whose axes the surface has; of the world without one.
 
     Args:
         ground: the surface.
         kinematics: kinematics of the drawn robot.
         q: configuration (nq,).
     """
-    center, carrier = kinematics.center_of_mass(q), carrier_of(ground)
-    return center if carrier is None else np.asarray(kinematics.placement(carrier, q).actInv(center))
+    carrier = carrier_of(ground)
+    return pin.SE3.Identity() if carrier is None else kinematics.placement(carrier, q)
 
 
 def is_drawn(ground: GroundSurface, robot: Robot) -> bool:
@@ -353,42 +358,24 @@ def ground_patch(ground: GroundSurface, places: np.ndarray, size: float) -> tupl
     return np.concatenate([vertices, vertices]), np.concatenate([triangles, triangles[:, ::-1] + len(vertices)])
 
 
-@dataclass(eq=False)
-class GroundElement(Element):
-    """Surface in the scene, at rest or on a body.
-
-    Attributes:
-        patch: vertices (n, 3) and triangles (m, 3).
-        kinematics: kinematics of the drawn robot.
-        carrier: frame that carries the surface; None for ground in the world.
-    """
-
-    patch: tuple[np.ndarray, np.ndarray]
-    kinematics: SceneKinematics
-    carrier: str | None = None
-
-    def build(self, scene: MeshcatScene) -> None:
-        scene.mesh(self.node, mg.TriangularMeshGeometry(*self.patch), GREEN, opacity=0.35)
-
-    def update(self, scene: MeshcatScene, state: DrawnState) -> None:
-        if self.carrier is not None:
-            scene.place(self.node, self.kinematics.placement(self.carrier, state.q).homogeneous)
-
-
 def ground_elements(
-    reduced: ReducedModel | None, kinematics: SceneKinematics, configurations: Iterable[np.ndarray], size: float
+    reduced: ReducedModel | None, kinematics: SceneKinematics, configurations: np.ndarray, size: float
 ) -> list[Element]:
     """Elements of the surfaces of a system, each as large as a motion and the robot need.
 
     Args:
         reduced: the system, if any.
         kinematics: kinematics of the drawn robot.
-        configurations: configurations (nq,) of the motion.
+        configurations: configurations (N, nq) of the motion.
         size: size of the robot [m].
     """
-    moments, found = list(configurations), list[Element]()
-    drawn = [each for each in grounds_of(reduced) if is_drawn(each, kinematics.robot)]
-    for k, ground in enumerate(drawn):
-        places = np.stack([seen_from(ground, kinematics, q) for q in moments])
-        found.append(GroundElement(GROUND, str(k), ground_patch(ground, places, size), kinematics, carrier_of(ground)))
-    return found
+
+    def element(name: str, ground: GroundSurface) -> Element:
+        poses = ((ground_pose(ground, kinematics, q), kinematics.center_of_mass(q)) for q in configurations)
+        places = np.stack([pose.actInv(center) for pose, center in poses])
+        patch, moves = mg.TriangularMeshGeometry(*ground_patch(ground, places, size)), carrier_of(ground) is not None
+        entry = LayerEntry("ground", "surface", GREEN, "dot")
+        return Solid(entry, name, patch, 0.35, lambda state: ground_pose(ground, kinematics, state.q), moves)
+
+    drawn = (each for each in grounds_of(reduced) if is_drawn(each, kinematics.robot))
+    return [element(str(k), each) for k, each in enumerate(drawn)]

@@ -9,7 +9,7 @@ from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.visualization.browser.scene_server import SceneWindow
 from rnc_pin.visualization.drawn_state import RATE, View, recorded_states
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
-from rnc_pin.visualization.run_scene import RunScene, ShownRun
+from rnc_pin.visualization.run_scene import RunScene
 from urdf_parts import write
 
 DROP = """
@@ -36,8 +36,7 @@ def test_ground_carries_a_ball_after_its_landing(tmp_path):
     drawn = prepared.experiment.drawn_model
     states = list(recorded_states(drawn.robot, run))
     for model, layers in ((replace(drawn, switching=()), 0), (drawn, 1)):
-        shown = ShownRun(model, run.info, run.info.goals, run)
-        scene = RunScene(shown, View(), MeshcatScene(SceneWindow("drop"), RATE), states[0])
+        scene = RunScene(model, run.info, View(), MeshcatScene(SceneWindow("drop"), RATE), states[0], run)
         assert [line["label"] for line in scene.legend()].count("constraint force") == layers
         scene.update(states[-1])
     (arrows,) = [each for each in scene.elements if each.entry.label == "constraint force"]

@@ -19,7 +19,7 @@ from rnc_pin.visualization.drawn_state import DrawnModel, DrawnState, View, reco
 from rnc_pin.visualization.elements import Overlay, SceneKinematics
 from rnc_pin.visualization.meshcat_scene import Keyframes, MeshcatScene
 from rnc_pin.visualization.recording import Recording
-from rnc_pin.visualization.run_scene import RunScene, ShownRun
+from rnc_pin.visualization.run_scene import RunScene
 
 
 @pytest.fixture(scope="module")
@@ -109,9 +109,9 @@ def test_an_axle_without_drawn_wheels_leaves_a_track_itself(truck):
 
 def test_motions_that_leave_the_primary_outputs_alone_are_arrows_with_names(robot, run):
     """Beside the null space of the rows of momentum and hand, by Pinocchio alone."""
-    shown = ShownRun(DrawnModel.of(systems.space_robot()), run.info, run.info.goals, run)
+    shown = DrawnModel.of(systems.space_robot()), run.info
     state, views = list(recorded_states(robot, run))[9], (View(redundancy=True), View())
-    scene, other = (RunScene(shown, view, MeshcatScene(SceneWindow("motions"), 25.0), state) for view in views)
+    scene, other = (RunScene(*shown, view, MeshcatScene(SceneWindow("motions"), 25.0), state, run) for view in views)
     (arrows,), none = ([each for each in of.elements if "motion of" in each.entry.label] for of in (scene, other))
     assert (arrows.entry.label, none) == ("motion of joint 1", [])
     (points, vectors), model, data = arrows.vectors(state), robot.model, robot.model.createData()

@@ -1,6 +1,7 @@
 """Drawn patches lie on their surfaces, under the motion."""
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
@@ -8,7 +9,7 @@ from rnc_pin.visualization import scene_bodies
 from rnc_pin.visualization.drawn_state import DrawnModel, DrawnState, View, grounds_of
 from rnc_pin.visualization.elements import SceneKinematics
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
-from rnc_pin.visualization.scene_bodies import ground_patch, is_drawn
+from rnc_pin.visualization.scene_bodies import ground_patch, ground_pose, is_drawn
 
 GROUNDS = {
     "plane": rnc.GroundPlane(normal=(0.2, -0.3, 1.0), point=(0.1, 0.2, 0.3)),
@@ -40,9 +41,9 @@ def test_ground_on_a_body_moves_with_it_and_is_drawn_if_the_body_is_not():
     assert is_drawn(plane, rnc.Robot(robot.model))
     assert is_drawn(rnc.GroundPlane(), robot)
     kinematics = SceneKinematics(robot)
-    place, center = kinematics.placement("plate", tilted), kinematics.center_of_mass(tilted)
-    np.testing.assert_allclose(place.act(scene_bodies.seen_from(plane, kinematics, tilted)), center, atol=1e-12)
-    np.testing.assert_allclose(scene_bodies.seen_from(rnc.GroundPlane(), kinematics, tilted), center, atol=1e-12)
+    place = kinematics.placement("plate", tilted)
+    np.testing.assert_allclose(ground_pose(plane, kinematics, tilted).homogeneous, place.homogeneous, atol=1e-12)
+    assert ground_pose(rnc.GroundPlane(), kinematics, tilted) == pin.SE3.Identity()
     system = rnc.NonholonomicSystem(robot, [rnc.RollingBall("ball", 0.06, plane)])
     bare, scene, moved = SceneKinematics(rnc.Robot(robot.model)), MeshcatScene(), {}
     scene.place = lambda name, matrix: moved.update({name: matrix})
