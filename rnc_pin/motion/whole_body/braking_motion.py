@@ -39,7 +39,6 @@ _RESERVE = 1.1  # of the time in which efforts stop all joints
 _LEAST = 1e-14  # effect of an input on the energy, relative to the sum of all
 _FREE_COST = 1e-9  # of inputs that do not change the energy, relative to the others
 _UNUSED, _GROUND = 0.1, 0.3  # parts of limits by rows, and of conditions of the ground, that the law leaves unused
-_MORE = 4  # times the samples that a part took, for the next one: more are mostly too many again
 _FEW = 8  # samples under the same inputs: fewer need not end with a whole step
 _EASED = 0.125  # of the way back to the program in each verified sample
 _SAME = 1e-6  # [rad, m, and per second] difference to the predicted state at which a kept motion is followed
@@ -120,8 +119,6 @@ class _Part(NamedTuple):
     """Length of steps, relative to the finest ones."""
     doubt: float = 0.0
     """Error of velocities that coarse steps may have caused so far."""
-    reach: float = np.inf
-    """Samples under the same inputs that are tried at first."""
 
 
 class Braking:
@@ -331,15 +328,7 @@ class Braking:
         Half of the way to a limit that gives way is left: constant inputs suit a part of the way.
         """
         state, coarse, left = last.end, last.coarse, last.left - _DECISION
-        wanted = min(held, self._between_checks(state))
-        samples = int(min(wanted, last.reach))
-
-        def part(end: StateEvaluation, doubt: float, problem: str | None = None) -> _Part:
-            # Where a part ended early, so may the next one.
-            reach = np.inf if samples == wanted else _MORE * samples
-            decided = [(state.q, state.v2, T)]
-            return _Part(end, np.tile(T, (samples, 1)), decided, problem, left, coarse, doubt, reach)
-
+        samples, problem = min(held, self._between_checks(state)), None
         while True:
             longest = coarse * self._fine  # samples of a step
             samples = min(samples, _CHECKED * longest)
@@ -351,21 +340,24 @@ class Braking:
             left -= _CHECK * checks + count
             inside, beyond = self._judged(excess, doubts, allowed)
             if inside.all():
-                return part(end, doubts[-1])
+                break
             good = int(inside.argmin())
             known = (good // 2 if beyond[good] else good) if self._limits.spacing == np.inf else 0
             while known * samples % count:
                 known -= 1
             if known:
-                samples = known * samples // count
+                samples, doubts = known * samples // count, doubts[:known]
                 end = known_state(self._reduced, trace[0][known], trace[1][known], t + samples * self._dt)
-                return part(end, doubts[known - 1])
+                break
             if not beyond[good] and coarse > 1:
                 coarse //= 2  # these steps cannot tell
             elif samples > 1:
                 samples = max((good + 1) * samples // (2 * count), 1)
             else:
-                return part(end, doubts[-1], self._broken(excess.max(axis=0), allowed) or _DOUBTFUL)
+                problem = self._broken(excess.max(axis=0), allowed) or _DOUBTFUL
+                break
+        decided = [(state.q, state.v2, T)]
+        return _Part(end, np.tile(T, (samples, 1)), decided, problem, left, coarse, doubts[-1])
 
     def _together(self, held: int, last: _Part, t: float, allowed: Array) -> _Part:
         """Part after the last one in which all joints come to rest together after some samples, or the begin of it.
@@ -485,16 +477,14 @@ class Braking:
         hessian[:p, :p] += metric * scales[:p] * scales[:p, None]
         box = np.full(size, _INFINITE)
         box[:p] = self._efforts / scales[:p]
-        gradient, known, rows, J = np.zeros(size), None, ground, ground
+        gradient = np.zeros(size)
 
         def after(h: float) -> Array:
-            nonlocal known, rows, J
             motion = self._limits.rows(ControlSample(self._reduced, t, state.q, state.v2, h, state), braking=True)
-            if motion.jacobian is not known:
-                known, J = motion.jacobian, motion.jacobian.dot(state.R)
-                rows = np.zeros((len(ground) + len(J), size))
-                rows[: len(ground)], rows[len(ground) :, :p] = ground, J.dot(effects)
-                rows *= scales
+            J = motion.jacobian.dot(state.R)
+            rows = np.zeros((len(ground) + len(J), size))
+            rows[: len(ground)], rows[len(ground) :, :p] = ground, J.dot(effects)
+            rows *= scales
             # The energy after h is |effects T + offset|^2 h^2 / 2 in the metric of the inertia.
             offset, room = state.v2 / h + adverse, self._spare(motion)
             gradient[:p], passive = scales[:p] * pushes.dot(offset), J.dot(offset)
