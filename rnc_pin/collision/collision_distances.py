@@ -14,22 +14,20 @@ from numpy.typing import ArrayLike
 
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Array, Float, Int
-from rnc_pin.collision.pairs import (
+from rnc_pin.collision.shapes import (
     NUMBERS,
     LinkPair,
+    Obstacle,
     OmittedPair,
     PairDistances,
     PairMeasurement,
     PairSelection,
-    select_pairs,
-)
-from rnc_pin.collision.shapes import (
-    Obstacle,
     SpinningShapes,
     axes_of_rotation,
     bounding_box,
     check_ignored_links,
     convex_shape,
+    select_pairs,
 )
 from rnc_pin.errors import InputError, ModelError, check_unique
 from rnc_pin.model.cached_property import once_per_model

@@ -33,7 +33,7 @@ from rnc_pin.motion.optimal.costs import (
     velocity_rows,
 )
 from rnc_pin.motion.planning.action_models import ActionModel, Nodes
-from rnc_pin.motion.whole_body.limits.joint_limits import limited_velocities
+from rnc_pin.motion.whole_body.limits.control_limit import limited_velocities
 from rnc_pin.robots.joint_values import limited_positions
 
 DISTANCE = "distance"

@@ -6,9 +6,9 @@ from .inverse_dynamics_qp import InputSolution as InputSolution
 from .inverse_dynamics_qp import InverseDynamicsQP as InverseDynamicsQP
 from .inverse_dynamics_qp import InverseDynamicsState as InverseDynamicsState
 from .limits.control_limit import ControlSample as ControlSample
-from .velocity_qp import ProgramSolution as ProgramSolution
-from .velocity_qp import ProgramState as ProgramState
-from .velocity_qp import VelocityQP as VelocityQP
 from .whole_body_program import LimitReport as LimitReport
+from .whole_body_program import ProgramSolution as ProgramSolution
+from .whole_body_program import ProgramState as ProgramState
+from .whole_body_program import VelocityQP as VelocityQP
 from .whole_body_program import WholeBodyProgram as WholeBodyProgram
 from .whole_body_program import program_of as program_of

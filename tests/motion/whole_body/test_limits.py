@@ -12,8 +12,7 @@ from driven import drive
 from rnc_pin.control import InverseDynamicsQP, VelocityQP, limits, tasks
 from rnc_pin.motion.planning import Hold
 from rnc_pin.motion.whole_body.limit_stack import LimitStack
-from rnc_pin.motion.whole_body.limits.control_limit import PlannedBraking
-from rnc_pin.motion.whole_body.limits.joint_limits import velocity_to_stop
+from rnc_pin.motion.whole_body.limits.control_limit import PlannedBraking, velocity_to_stop
 from rnc_pin.robots.joint_values import limited_positions
 from systems import floating_robot, in_joints, mecanum, space_robot_in_joints, tiago
 
