@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field
 
 from rnc_pin.applications.drive.controls import FAR, GAINS, DriveControls
-from rnc_pin.errors import InputError, nearest, short_text
+from rnc_pin.errors import InputError, nearest, place_of, short_text
 from rnc_pin.io import Strict, validated
 
 _Name = Annotated[str, Field(max_length=200)]
@@ -134,26 +134,21 @@ def _check_names(command: DriveCommand, controls: DriveControls) -> None:
     """
     match command:
         case FrameGoal(frame=frame, orientation=orientation):
-            _known("frame", frame, controls.frames)
+            place_of(frame, controls.frames, "no frame", InputError)
             # Wide: the controller normalizes it, and only a length near zero has no direction.
             if orientation is not None and not 0.5 < float(np.linalg.norm(orientation)) < 2.0:
                 raise InputError("orientation: expected a unit quaternion (x, y, z, w)")
         case ReleaseFrame(frame=frame):
-            _known("frame", frame, controls.frames)
+            place_of(frame, controls.frames, "no frame", InputError)
         case JointGoal(joint=joint, position=position):
-            _known("joint", joint, controls.joints)
+            place_of(joint, controls.joints, "no joint", InputError)
             controls.joints[joint].check(f"joint '{joint}'", position)
         case GainSetting(gain=gain, value=value):
-            _known("gain", gain, GAINS)
+            place_of(gain, GAINS, "no gain", InputError)
             GAINS[gain].check(f"'{gain}'", value)
         case BaseVelocity() | BaseGoal() | HoldBase():
             if controls.base is None:
                 raise InputError("the robot has no base to drive")
-
-
-def _known(what: str, name: str, valid: Mapping[str, object]) -> None:
-    if name not in valid:
-        raise InputError(f"no {what} '{name}' to drive{nearest(name, valid)}")
 
 
 class LoggedCommand(NamedTuple):

@@ -4,28 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from rnc_pin.applications.drive.commands import DriveGoals, LoggedCommand, due_commands, initial_goals, with_command
-from rnc_pin.applications.drive.controls import (
-    ARRIVED,
-    SLOWING,
-    TURNING,
-    Approach,
-    BaseRates,
-    DriveControls,
-    DrivenBase,
-    base_rows,
-    curvature,
-    rates_to_goal,
-)
+from rnc_pin.applications.drive.controls import ARRIVED, DriveControls, DrivenBase, base_rows, curvature
 from rnc_pin.control import Description, TrackerState, TwistController, VelocityTarget
 from rnc_pin.errors import few
-from rnc_pin.model import Measurement, ReducedModel, heading_of
+from rnc_pin.model import Measurement, ReducedModel, heading_of, wrapped
 from rnc_pin.motion.whole_body import ControlSample, ProgramState, VelocityQP
 from rnc_pin.motion.whole_body.limits import AccelerationLimit, ControlLimit
 from rnc_pin.motion.whole_body.tasks import BoundTask, ControlTask, DampingTask, TaskRows
@@ -34,15 +22,27 @@ from rnc_pin.verdict import Finding, FindingKind, Severity
 _ATTITUDE = 0.3  # [m/rad]; error of the orientation beside that of the position
 _STILL = 0.1  # weight of joints whose posture gain is zero
 _ACCELERATION = 2.0  # of a base with pivots [m/s^2, rad/s^2]
+_SLOWING = 1.5  # speed of the base over its distance from the goal [1/s]
+_TURNING = 2.5  # turn rate over the bearing of the goal [1/s]
+_WAITING = 0.8  # share of its speed that a base gives up while it has to steer first
+_BENT = 0.03  # angle of the curvature's error from which it waits most
+_FADING = 5.0  # steering rate and waiting, over the effect of steering that is left and that is lost; both up to 1
+_SMALLEST_REACH = 1e-6  # [m^2]
 
 
+@dataclass
 class GoalBoard:
-    """Goals of the present sample. The controller writes them before each program, from its own state."""
+    """Goals of the present sample. The controller writes them before each program, from its own state.
 
-    def __init__(self, controls: DriveControls, goals: DriveGoals) -> None:
-        self.controls, self.goals = controls, goals
-        self.accelerations = np.zeros(0)
-        """Limits of the accelerations of the reduced velocities (r,)."""
+    Attributes:
+        controls: what a user may set.
+        accelerations: limits of the accelerations of the reduced velocities (r,).
+        goals: the goals.
+    """
+
+    controls: DriveControls
+    accelerations: np.ndarray
+    goals: DriveGoals
 
     def approach(self, error: float, gain: float, speed: float, row: np.ndarray) -> float:
         """Speed towards a goal: a gain and a largest speed, and so slow that the robot can brake.
@@ -58,10 +58,6 @@ class GoalBoard:
         braking = float((self.accelerations / np.maximum(needed, 1e-12)).min(initial=np.inf))
         # The square root is the speed from which the limits can still stop at the goal.
         return min(gain * abs(error), speed, float(np.sqrt(braking * abs(error))))
-
-    def gain(self, name: str) -> float:
-        """Value of a gain or a speed."""
-        return self.goals.gains[name]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,61 +96,84 @@ class _Base(BoundTask):
         self._pivots = [reduced.robot.velocity_indices(name).start for name in base.pivots]
         most = (_ACCELERATION,) * 3
         self._aiming = TwistController(reduced, base.frame, dt, max_acceleration=most) if base.pivots else None
-        self.names = (*(f"{base.frame} {name}" for name in ("forward", "turn", "left")), *base.pivots)
+        self.names = (*(f"{base.frame} {name}" for name in ("forward", "left", "turn")), *base.pivots)
 
     def rows(self, sample: ControlSample) -> TaskRows:
         base, resting, aiming = self._base, self._resting, self._aiming
         moving = base_rows(self._robot, base.frame, sample.end)
         # Motions that the base does not have get no row: the constraints keep them at zero.
         rows = np.vstack([moving if aiming else base.rates(moving, self._robot), np.eye(self._robot.nv)[self._pivots]])
-        wanted = None if resting else self._rates(sample)
+        wanted = None if resting else self._rates(sample, moving)
         # No command at the level of commands: the base is free to help the goals of frames.
         if wanted is None and not resting and not self._board.goals.hold_base:
             return TaskRows(np.zeros_like(rows), np.zeros(len(rows)))
+        rates = np.zeros(3) if wanted is None else wanted
         if aiming is not None:
-            return TaskRows(rows, self._aimed(sample, aiming, wanted or BaseRates(0.0, 0.0, 0.0)))
-        if wanted is not None:
-            return TaskRows(rows, np.array([wanted.forward, wanted.turn, wanted.left]))
-        if not base.turns:
-            rows[1] = 0.0 if resting or base.folding == 0 else moving[1]  # the posture has the steering joint
-        return TaskRows(rows, np.zeros(3))
+            forward, left, turn = rates.tolist()
+            twist, limits = (forward, left if base.slides else None, turn), (sample.end.J2, self._board.accelerations)
+            aimed = aiming.aimed(sample.end.q, twist, sample.start.v, sample.dt or aiming.dt, limits)
+            return TaskRows(rows, np.concatenate(aimed))
+        if wanted is None and not base.turns:
+            rows[2] = 0.0 if resting or base.folding == 0 else moving[2]  # the posture has the steering joint
+        return TaskRows(rows, rates)
 
-    def _aimed(self, sample: ControlSample, aiming: TwistController, wanted: BaseRates) -> np.ndarray:
-        """Rates of the base and of its pivots, which are aimed at its twist."""
-        wanted_twist = [wanted.forward, wanted.left if self._base.slides else None, wanted.turn]
-        limits = sample.end.J2, self._board.accelerations
-        twist, rates = aiming.aimed(sample.end.q, wanted_twist, sample.start.v, sample.dt or aiming.dt, limits)
-        return np.array([twist[0], twist[2], twist[1], *rates])
+    def _rates(self, sample: ControlSample, moving: np.ndarray) -> np.ndarray | None:
+        """Rates (3,) by command, else towards the goal: forward, to the left, and turn; None without both.
 
-    def _rates(self, sample: ControlSample) -> BaseRates | None:
+        The third rate of a base that is steered is that of its steering joint.
+        """
         board, base = self._board, self._base
-        speed, turn = board.gain("base speed"), board.gain("turn rate")
+        gains, goal = board.goals.gains, board.goals.base_goal
         # At the start of the sample, whose time is its end.
         shares = board.goals.velocity_at(sample.time - sample.dt)
-        if shares is not None:
-            forward, left, round_ = shares
-            if base.turns or base.steering is None:
-                return BaseRates(speed * forward, speed * left, turn * round_)
-            rate, reach = turn * round_ * base.steering_sign, board.controls.joints[base.steering]
+        if shares is None:
+            return None if goal is None else self._towards(goal, sample, moving)
+        rates = np.array(shares) * [gains["base speed"], gains["base speed"], gains["turn rate"]]
+        if not base.turns and base.steering is not None:
+            rate, reach = float(rates[2]) * base.steering_sign, board.controls.joints[base.steering]
             angle = float(self._robot.single_joint(base.steering).position(sample.end.q))
             row = sample.end.R[self._robot.velocity_indices(base.steering).start]
             # A key that is held turns the joint into its limit: it slows down before.
             room = (reach.upper if rate > 0 else reach.lower) - angle
-            steering = np.sign(rate) * board.approach(room, TURNING, abs(rate), row)
-            return BaseRates(speed * forward, speed * left, steering)
-        goal = board.goals.base_goal
-        if goal is None:
-            return None
-        placed = sample.end.position.placement(self._frame)
-        x, y = (float(each) for each in placed.translation[:2])
-        yaw = heading_of(placed.rotation)
-        rows = base_rows(self._robot, base.frame, sample.end)
-        bend = 0.0 if base.turns else curvature(sample.end, rows, self._places)
-        return rates_to_goal(base, (x, y, yaw), goal, bend, self._approach(rows @ sample.end.R), (speed, turn))
+            rates[2] = np.sign(rate) * board.approach(room, _TURNING, abs(rate), row)
+        return rates
 
-    def _approach(self, rows: np.ndarray) -> Approach:
-        gains = SLOWING, TURNING
-        return lambda error, axis, speed: self._board.approach(error, gains[axis], speed, rows[axis])
+    def _towards(self, goal: tuple[float, float], sample: ControlSample, moving: np.ndarray) -> np.ndarray:
+        """Rates (3,) that bring the base to a point.
+
+        A base that slides moves straight. One that turns on the spot turns to the point while it drives. A steered one
+        follows the circle that leads its frame through the point, with the present heading of its axle.
+        """
+        board, base, gains = self._board, self._base, self._board.goals.gains
+        placed, rows = sample.end.position.placement(self._frame), moving @ sample.end.R
+        dx, dy = (np.array(goal) - placed.translation[:2]).tolist()
+        distance = float(np.hypot(dx, dy))
+        if distance < ARRIVED:
+            return np.zeros(3)
+        bearing = float(wrapped(np.arctan2(dy, dx) - heading_of(placed.rotation)))
+        speed = board.approach(distance, _SLOWING, gains["base speed"], rows[0])
+        if base.slides:
+            return np.array([speed * np.cos(bearing), speed * np.sin(bearing), 0.0])
+        if base.turns:
+            # A point behind the base: it turns on the spot first.
+            turn = np.sign(bearing) * board.approach(bearing, _TURNING, gains["turn rate"], rows[2])
+            return np.array([speed * max(np.cos(bearing), 0.0), 0.0, turn])
+        # A steering joint that also turns the base moves its frame aside. So the base waits for the joint, and the
+        # joint rests where it would lead the base away from the goal.
+        x, y = distance * np.cos(bearing), distance * np.sin(bearing)
+        # The circle through the goal that begins along the axle's heading has the curvature 2 y / reach.
+        reach = x * x + y * y + 2.0 * base.ahead * x
+        # A goal beside the axle has no such circle.
+        reach = float(np.copysign(max(abs(reach), _SMALLEST_REACH), reach))
+        # Share of its effect that steering loses because it moves the frame as well.
+        lost = float(np.clip(-2.0 * base.folding * (base.ahead + x) / reach, 0.0, 1.0))
+        share = min(_FADING * (1.0 - lost), 1.0)
+        error = float(np.arctan(2.0 * y / reach) - np.arctan(curvature(sample.end, moving, self._places)))
+        waiting = _WAITING * share * min(_FADING * lost, 1.0) * min(abs(error) / _BENT, 1.0)
+        fastest = gains["turn rate"]
+        rate = float(np.clip(share * _TURNING * base.steering_sign * error, -fastest, fastest))
+        # A goal behind is reached backwards.
+        return np.array([speed * (1.0 - waiting) * (1.0 if x >= 0 else -1.0), 0.0, rate])
 
 
 class _Frame(BoundTask):
@@ -180,7 +199,7 @@ class _Frame(BoundTask):
             return self._idle
         at = sample.end.position
         placed, jacobian = at.placement(self._frame), at.jacobian(self._frame).copy()
-        gain, speed = board.gain("frame gain"), board.gain("frame speed")
+        gain, speed = board.goals.gains["frame gain"], board.goals.gains["frame speed"]
         rate = np.zeros(6)
         error = np.array(goal.position) - placed.translation
         distance = float(np.linalg.norm(error))
@@ -220,7 +239,7 @@ class _Posture(BoundTask):
         goal = self._robot.configuration(board.goals.posture)
         # By the model: a continuous joint takes the short way round.
         error = pin.difference(self._robot.model, sample.end.q, goal)[self._places]
-        speed, gain = board.gain("joint speed"), board.gain("posture gain")
+        speed, gain = board.goals.gains["joint speed"], board.goals.gains["posture gain"]
         rows = sample.end.R[self._places]
         fastest = [board.approach(each, gain, speed, row) for each, row in zip(error.tolist(), rows, strict=True)]
         rate = np.sign(error) * fastest
@@ -268,16 +287,15 @@ class DriveController:
     ) -> None:
         self.controls, self.log = controls, log
         self._reduced, self._dt = reduced, dt
-        self._board = GoalBoard(controls, initial_goals(controls))
+        accelerations = np.full(reduced.r, np.inf)
+        for limit in limits:
+            # Only limits of all velocities: those of single joints do not tell how a frame brakes.
+            for each in limit.entries(reduced) if isinstance(limit, AccelerationLimit) else ():
+                if each.quantity == "v2":
+                    accelerations[each.column] = each.upper
+        self._board = GoalBoard(controls, accelerations, initial_goals(controls))
         self.program = VelocityQP(reduced, self._tasks(), limits, dt=dt)
-        # Only limits of all velocities: those of single joints do not tell how a frame brakes.
-        bounded = [each.entries(reduced) for each in limits if isinstance(each, AccelerationLimit) and not each.joints]
-        self._board.accelerations = np.full(reduced.r, np.inf)
-        for each in chain(*bounded):
-            if each.quantity == "v2":
-                self._board.accelerations[each.column] = each.upper
         self._joints = {name: reduced.robot.single_joint(name) for name in controls.joints}
-        self._base_frame = None if controls.base is None else reduced.robot.frame_id(controls.base.frame)
 
     def _tasks(self) -> list[ControlTask]:
         reduced, board, controls = self._reduced, self._board, self.controls
@@ -337,13 +355,14 @@ class DriveController:
     def _settled(self, goals: DriveGoals, t: float, q: np.ndarray, posture: Mapping[str, float]) -> DriveGoals:
         """Goals after the base has arrived; a joint that steers keeps the angle to which the user turned it."""
         base = self.controls.base
-        if base is None or self._base_frame is None:
+        if base is None:
             return goals
         # The base turns this joint while it drives: its posture would pull it back afterwards.
         if base.steering is not None and (goals.velocity_at(t) is not None or goals.base_goal is not None):
             goals = goals._replace(posture={**goals.posture, base.steering: posture[base.steering]})
         if goals.base_goal is not None:
-            at = self._reduced.at(q).position.placement(self._base_frame).translation[:2]
+            frame = self._reduced.robot.frame_id(base.frame)
+            at = self._reduced.at(q).position.placement(frame).translation[:2]
             if np.linalg.norm(at - np.array(goals.base_goal)) < ARRIVED:
                 goals = goals._replace(base_goal=None)
         return goals

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -13,7 +13,7 @@ from rnc_pin.applications.init.evidence import joint_limits
 from rnc_pin.control import TwistController
 from rnc_pin.errors import InputError, RncError
 from rnc_pin.math import unit_rows
-from rnc_pin.model import ConfigurationEvaluation, ReducedModel, wrapped
+from rnc_pin.model import ConfigurationEvaluation, ReducedModel
 from rnc_pin.outputs import FrameSpeed, FrameYaw
 from rnc_pin.robots import NO_LIMIT, Robot
 
@@ -21,16 +21,6 @@ _ROOT = "root_joint"
 _PLANE = 3  # directions of a twist in the plane
 _RANK = 1e-6  # smallest singular value, of rows of unit length, at which motions are independent
 _STEERED = 0.1  # [rad] by which a joint turns in the test of whether it steers
-SLOWING = 1.5
-"""Speed of the base over its distance from the goal [1/s]."""
-TURNING = 2.5
-"""Turn rate over the bearing of the goal [1/s]."""
-Approach = Callable[[float, int, float], float]
-"""Speed towards a goal from what is left, whether forward (0) or in turning (1), and the largest speed."""
-_WAITING = 0.8  # share of its speed that a base gives up while it has to steer first
-_BENT = 0.03  # angle of the curvature's error from which it waits most
-_FADING = 5.0  # steering rate and waiting, over the effect of steering that is left and that is lost; both up to 1
-_SMALLEST_REACH = 1e-6  # [m^2]
 ARRIVED = 0.02
 """Distance at which the base has reached its goal [m]."""
 
@@ -70,23 +60,12 @@ class DrivenBase:
         """
         found = rows.copy()
         if not self.slides:
-            found[2] = 0.0
-        if not self.turns:
             found[1] = 0.0
+        if not self.turns:
+            found[2] = 0.0
             if self.steering is not None:
-                found[1, robot.velocity_indices(self.steering)] = 1.0
+                found[2, robot.velocity_indices(self.steering)] = 1.0
         return found
-
-
-class BaseRates(NamedTuple):
-    """Desired rates of a base."""
-
-    forward: float
-    """[m/s]"""
-    left: float
-    """[m/s]"""
-    turn: float
-    """Yaw rate [rad/s]; rate of the steering joint for a base that is steered."""
 
 
 def base_frame(robot: Robot, preferred: Sequence[str]) -> str | None:
@@ -121,7 +100,7 @@ def find_base(reduced: ReducedModel, q0: np.ndarray, joints: Sequence[str]) -> D
     rest = [robot.velocity_indices(name).start for name in joints if name not in wheels]
     resting = here.R[rest]
     # A motion that depends on the rates of joints needs them: the base does not have it while they rest.
-    forward, turn, left = (row @ here.R for row in rows)
+    forward, left, turn = rows @ here.R
     if not _independent(resting, forward):
         return None
     turns = _independent(resting, forward, turn)
@@ -157,8 +136,8 @@ def find_pivots(reduced: ReducedModel, q0: np.ndarray, frame: str) -> tuple[tupl
 
 
 def base_rows(robot: Robot, frame: str, at: ConfigurationEvaluation) -> np.ndarray:
-    """Rows (3, nv) of the forward speed, the yaw rate and the speed to the left of a frame."""
-    kinds = FrameSpeed(frame, "x"), FrameYaw(frame), FrameSpeed(frame, "y")
+    """Rows (3, nv) of the twist of a frame: the forward speed, the speed to the left and the yaw rate."""
+    kinds = FrameSpeed(frame, "x"), FrameSpeed(frame, "y"), FrameYaw(frame)
     return np.vstack([kind.bind(robot).jacobian(at.position) for kind in kinds])
 
 
@@ -203,10 +182,9 @@ def _ahead(reduced: ReducedModel, q0: np.ndarray, frame: str, steering: str | No
     if steering is None:
         return 0.0
     # Away from straight: there the base does not turn, so that every distance would fit.
-    change = np.zeros(reduced.robot.nv)
-    change[reduced.robot.velocity_indices(steering)] = _STEERED
+    change = _STEERED * np.eye(reduced.robot.nv)[reduced.robot.velocity_indices(steering).start]
     there = reduced.at(pin.integrate(reduced.robot.model, q0, change))
-    _, turn, left = base_rows(reduced.robot, frame, there) @ there.R
+    _, left, turn = base_rows(reduced.robot, frame, there) @ there.R
     distance = float(turn @ left) / max(float(turn @ turn), 1e-300)
     return distance if np.abs(left - distance * turn).max() < _RANK * max(1.0, abs(distance)) else 0.0
 
@@ -224,7 +202,7 @@ def curvature(at: ConfigurationEvaluation, rows: np.ndarray, resting: Sequence[i
     stack = np.vstack([rows[0] @ at.R, at.R[list(resting)]])
     # Least squares: joints that the constraints move with the base cannot all rest.
     v2 = np.linalg.lstsq(stack, np.eye(len(stack))[moved], rcond=None)[0]
-    return float(rows[1] @ at.R @ v2)
+    return float(rows[2] @ at.R @ v2)
 
 
 def _steering(reduced: ReducedModel, q0: np.ndarray, frame: str, joints: Sequence[str]) -> tuple[str | None, float]:
@@ -236,75 +214,16 @@ def _steering(reduced: ReducedModel, q0: np.ndarray, frame: str, joints: Sequenc
         here = reduced.at(q)
         return curvature(here, base_rows(robot, frame, here), resting)
 
-    found: tuple[str | None, float] = None, 0.0
+    effects = dict[str, float]()
     for name, place in zip(joints, resting, strict=True):
-        change = np.zeros(robot.nv)
-        change[place] = _STEERED
-        try:
+        change = _STEERED * np.eye(robot.nv)[place]
+        with suppress(RncError):  # a singular configuration of the outputs
             # To both sides: the present bend of the path drops out.
-            effect = at(pin.integrate(robot.model, q0, change)) - at(pin.integrate(robot.model, q0, -change))
-        except RncError:  # a singular configuration of the outputs
-            continue
-        if abs(effect) > max(abs(found[1]), 1e-6):
-            found = name, effect
-    return found[0], found[1] / (2.0 * _STEERED)
-
-
-def rates_to_goal(
-    base: DrivenBase,
-    pose: tuple[float, float, float],
-    goal: tuple[float, float],
-    bend: float,
-    approach: Approach,
-    fastest: tuple[float, float],
-) -> BaseRates:
-    """Rates that bring a base to a point.
-
-    A base that slides moves straight. One that turns on the spot turns to the point while it drives. A steered one
-    follows the circle that leads its frame through the point, with the present heading of its axle.
-
-    Args:
-        base: the base.
-        pose: position [m] and yaw [rad] of its frame.
-        goal: the point [m].
-        bend: curvature of its present path [rad/m]; only for a steered base.
-        approach: speed towards what is left.
-        fastest: largest speed [m/s], and largest turn rate or rate of the steering joint [rad/s].
-    """
-    speed, turn = fastest
-    dx, dy = goal[0] - pose[0], goal[1] - pose[1]
-    distance = float(np.hypot(dx, dy))
-    if distance < ARRIVED:
-        return BaseRates(0.0, 0.0, 0.0)
-    bearing = float(wrapped(np.arctan2(dy, dx) - pose[2]))
-    ahead = approach(distance, 0, speed)
-    if base.slides:
-        return BaseRates(ahead * np.cos(bearing), ahead * np.sin(bearing), 0.0)
-    if base.turns:
-        # A point behind the base: it turns on the spot first.
-        return BaseRates(ahead * max(np.cos(bearing), 0.0), 0.0, float(np.sign(bearing)) * approach(bearing, 1, turn))
-    return _steered(base, (distance * np.cos(bearing), distance * np.sin(bearing)), bend, ahead, turn)
-
-
-def _steered(base: DrivenBase, goal: tuple[float, float], bend: float, speed: float, turn: float) -> BaseRates:
-    """Rates of a steered base to a goal (x, y) in its frame [m].
-
-    A steering joint that also turns the base moves its frame aside. So the base waits for the joint, and the joint
-    rests where it would lead the base away from the goal.
-    """
-    x, y = goal
-    # The circle through the goal that begins along the axle's heading has the curvature 2 y / reach.
-    reach = x * x + y * y + 2.0 * base.ahead * x
-    # A goal beside the axle has no such circle.
-    reach = float(np.copysign(max(abs(reach), _SMALLEST_REACH), reach))
-    # Share of its effect that steering loses because it moves the frame as well.
-    lost = float(np.clip(-2.0 * base.folding * (base.ahead + x) / reach, 0.0, 1.0))
-    share = min(_FADING * (1.0 - lost), 1.0)
-    error = float(np.arctan(2.0 * y / reach) - np.arctan(bend))
-    waiting = _WAITING * share * min(_FADING * lost, 1.0) * min(abs(error) / _BENT, 1.0)
-    rate = float(np.clip(share * TURNING * base.steering_sign * error, -turn, turn))
-    # A goal behind is reached backwards.
-    return BaseRates(speed * (1.0 - waiting) * (1.0 if x >= 0 else -1.0), 0.0, rate)
+            effects[name] = at(pin.integrate(robot.model, q0, change)) - at(pin.integrate(robot.model, q0, -change))
+    best = max(effects, key=lambda name: abs(effects[name]), default=None)
+    if best is None or abs(effects[best]) <= 1e-6:
+        return None, 0.0
+    return best, effects[best] / (2.0 * _STEERED)
 
 
 FAR = 100.0

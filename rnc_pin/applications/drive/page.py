@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, replace
 
 import numpy as np
 
-from rnc_pin.applications.drive.controls import GAINS, DriveControls, Range
+from rnc_pin.applications.drive.controls import GAINS, DriveControls
 from rnc_pin.applications.drive.preparation import PreparedDrive
 from rnc_pin.applications.drive.run import CommandQueue, DriveStatus
 from rnc_pin.io import Json
@@ -103,15 +102,11 @@ class DrivePage(LiveView):
 
 def controls_entry(controls: DriveControls, ground: float) -> dict[str, Json]:
     """Controls of a run as ``drive.js`` reads them."""
-
-    def ranges(given: Mapping[str, Range]) -> dict[str, Json]:
-        return {name: asdict(each) for name, each in given.items()}
-
     base = controls.base
     return {
         "base": None if base is None else {"frame": base.frame, "slides": base.slides},
         "frames": {name: list(axes) for name, axes in controls.frames.items()},
-        "joints": ranges(controls.joints),
-        "gains": ranges(GAINS),
+        "joints": {name: asdict(each) for name, each in controls.joints.items()},
+        "gains": {name: asdict(each) for name, each in GAINS.items()},
         "ground": ground,
     }
