@@ -12,15 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from rnc_pin.applications.init.evidence import (
-    LIKELY,
-    SURE,
-    Alternative,
-    DraftDecision,
-    DriveEvidence,
-    effort_limit,
-    range_of_motion,
-)
+from rnc_pin.applications.init.evidence import LIKELY, SURE, Alternative, DraftDecision, DriveEvidence, range_of_motion
 from rnc_pin.applications.init.robot_at_start import INDEPENDENT, SAME
 from rnc_pin.applications.init.wheel_detection import UPRIGHT, Wheel
 from rnc_pin.applications.scenario.schema.scenario import constraint_of, output_of
@@ -409,22 +401,21 @@ def _unit_rows(rows: np.ndarray, least: float = 0.0) -> np.ndarray:
 # ---------------------------------------------------------------------- joints without a motor
 
 
-def assume_motors(mobility: BaseAssumptions, robot: Robot, start: Collection[str], drives: DriveEvidence) -> list[str]:
+def assume_motors(mobility: BaseAssumptions, start: Collection[str], drives: DriveEvidence) -> list[str]:
     """Mark joints without a motor as passive: those with effort 0, and those that a list of motors leaves out.
 
     Args:
         mobility: assumptions about the base; its passive joints, decisions and notes are extended.
-        robot: the robot with that base.
-        start: its joints with one degree of freedom.
+        start: joints of the robot with one degree of freedom.
         drives: evidence for which joints have a motor.
 
     Returns:
         Joints that the file or an option leaves without a motor.
     """
-    limits = {name: effort_limit(robot, name) for name in start}
-    weak = [name for name, limit in limits.items() if limit == 0 and name not in mobility.passive]
+    driven = [name for name in start if name not in mobility.passive]
+    weak = [name for name in driven if drives.efforts[name] == 0]
     # Zeros count only where another joint has an effort: else the file states none.
-    powered = any(limit for name, limit in limits.items() if name not in mobility.passive)
+    powered = len(weak) < len(driven)
     of_base = {entry for entry, _ in mobility.actuators if isinstance(entry, str)} | mobility.passive
     others = [name for name in start if name not in of_base]
     leading = [name for name in start if name not in mobility.mimic_drivers]

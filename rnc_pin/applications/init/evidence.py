@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from xml.etree import ElementTree
 
 import numpy as np
-import pinocchio as pin
 
 from rnc_pin.errors import few
 from rnc_pin.robots import Robot
@@ -106,21 +105,6 @@ def has_word(pattern: str, *names: str) -> bool:
         if any(whole.fullmatch(each) for each in (*words, *pairs)):
             return True
     return False
-
-
-def body_frame(robot: Robot, joint: int) -> str:
-    """Name of the body frame at the joint's placement, or of the joint's own frame if there is none.
-
-    Args:
-        robot: the robot.
-        joint: index of the joint.
-    """
-    for frame in robot.model.frames:
-        # Links behind fixed joints belong to the same body, and lie elsewhere.
-        here = frame.parentJoint == joint and np.allclose(frame.placement.translation, 0.0)
-        if here and frame.type == pin.FrameType.BODY:
-            return str(frame.name)
-    return str(robot.model.names[joint])
 
 
 def joint_limits(robot: Robot, name: str) -> tuple[float, float]:
@@ -224,14 +208,6 @@ class DriveEvidence:
         # A file that lists motors joint by joint would list this one too.
         return False if self.is_list else None
 
-    def strength(self, joint: str) -> tuple[bool, bool]:
-        """Return a value that is larger the more speaks for a motor on this one of several coupled joints.
-
-        Args:
-            joint: name of the joint.
-        """
-        return self.says(joint) is True, self.efforts.get(joint, 0.0) > 0
-
     def driven_of(self, joints: Collection[str], usual: Iterable[str]) -> DrivenJoints:
         """Return the driven ones of several joints of one kind, such as wheels.
 
@@ -311,7 +287,8 @@ def mimic_drivers(robot: Robot, drives: DriveEvidence) -> dict[str, str]:
     drivers: dict[str, str] = {}
     for leader, followers in groups.items():
         able = [leader, *(each for each in followers if each not in still)] if leader in robot.joint_names else [leader]
-        driver = max(able, key=drives.strength)
+        # That for whose motor most speaks: a statement counts more than an effort.
+        driver = max(able, key=lambda each: (drives.says(each) is True, drives.efforts.get(each, 0.0) > 0))
         # One motor moves the whole group, whatever efforts the file gives to the others.
         drivers |= {joint: driver for joint in (leader, *followers) if joint != driver}
     return drivers
@@ -337,15 +314,9 @@ def named_as_driven(robot: ElementTree.Element) -> tuple[dict[str, str], bool]:
     sources = {".//ros2_control/joint[command_interface]": "ros2_control", ".//transmission/joint": "a transmission"}
     found = ((str(each.get("name")), source) for path, source in sources.items() for each in robot.iterfind(path))
     listed = {joint: source for joint, source in found if joint in joints}  # files keep entries of removed joints
+    # Plugins have elements such as <left_joint> or <joint_name>, with names that blanks or commas separate.
+    plugins = [each for each in robot.iterfind("gazebo/plugin") if not _ONLY_READS.search(str(each.attrib))]
+    texts = [element.text or "" for each in plugins for element in each.iter() if "joint" in element.tag.lower()]
+    plugged = {joint: "a plugin" for text in texts for joint in re.split(r"[\s,]+", text) if joint in joints}
     # A transmission says more than a plugin, whose names may be those of the base alone.
-    return {**{joint: "a plugin" for joint in _plugins(robot) if joint in joints}, **listed}, bool(listed)
-
-
-def _plugins(robot: ElementTree.Element) -> Iterator[str]:
-    """Names in elements such as ``<left_joint>`` or ``<joint_name>``, separated by blanks or commas."""
-    for plugin in robot.iterfind("gazebo/plugin"):
-        if _ONLY_READS.search(f"{plugin.get('name')} {plugin.get('filename')}"):
-            continue
-        for element in plugin.iter():
-            if "joint" in element.tag.lower() and element.text:
-                yield from re.split(r"[\s,]+", element.text.strip())
+    return {**plugged, **listed}, bool(listed)

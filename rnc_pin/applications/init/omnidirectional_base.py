@@ -9,16 +9,7 @@ import numpy as np
 
 from rnc_pin.applications.init import wheeled_base
 from rnc_pin.applications.init.assumptions import BENT, DRIVEN, TURNED, BaseAssumptions, place_and_heading
-from rnc_pin.applications.init.evidence import (
-    GUESSED,
-    LIKELY,
-    SURE,
-    Alternative,
-    DraftDecision,
-    body_frame,
-    has_word,
-    words_of,
-)
+from rnc_pin.applications.init.evidence import GUESSED, LIKELY, SURE, Alternative, DraftDecision, has_word, words_of
 from rnc_pin.applications.init.robot_at_start import PLACED, SAME, RobotAtStart, first_smallest
 from rnc_pin.applications.init.wheel_detection import Wheel
 from rnc_pin.applications.init.wheel_layout import WheelLayout, in_line
@@ -46,7 +37,7 @@ def turret_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
     wheeled_base.add_wheel_motors(result, layout, at_start)
     pivot = unit.pivot
     result.steer(pivot.joint, "turns the turret")
-    frame = body_frame(at_start.robot, pivot.index)
+    frame = at_start.body_frame(pivot.index)
     # An axle below the pivot cannot push the body sideways: then its pose is no output, see above.
     if abs(pivot.offset(unit.wheels[0].center) @ unit.wheels[0].heading) > 0.1 * unit.wheels[0].radius:
         result.add_planar_pose_outputs()

@@ -11,16 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.applications.init.assumptions import DRIVEN, DURATION, BaseAssumptions, measured, place_and_heading, rolls
-from rnc_pin.applications.init.evidence import (
-    GUESSED,
-    LIKELY,
-    SURE,
-    Alternative,
-    DraftDecision,
-    effort_limit,
-    has_word,
-    joint_limits,
-)
+from rnc_pin.applications.init.evidence import GUESSED, LIKELY, SURE, Alternative, DraftDecision, has_word, joint_limits
 from rnc_pin.applications.init.omnidirectional_base import push
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.wheel_detection import Wheel
@@ -66,7 +57,7 @@ def balance_decision(layout: WheelLayout, at_start: RobotAtStart, asked: bool | 
     # A robot that is called a balancer may have a stand for its rest.
     if not named and (support := _support(layout, at_start)):
         return DraftDecision(question, "no", LIKELY, f"{support} supports it", (yes,))
-    efforts = [effort_limit(at_start.robot, wheel.joint) for wheel in layout.fixed]
+    efforts = [at_start.drives.efforts[wheel.joint] for wheel in layout.fixed]
     stated = sum(each for each in efforts if 0 < each < NO_LIMIT)
     needed = _holding_torque(layout, at_start)
     # Wheels that cannot hold the body at a small tilt cannot balance it.
@@ -360,7 +351,7 @@ def fixed_base_with_locked_joints(at_start: RobotAtStart) -> BaseAssumptions:
     """
     kind = "bolted down, with the joints held that nothing drives"
     result = BaseAssumptions("fixed", kind, at_start.frame, at_start.start)
-    weak = [name for name in at_start.start if effort_limit(at_start.robot, name) == 0]
+    weak = [name for name in at_start.start if at_start.drives.efforts[name] == 0]
     why = "effort 0 in the file" if at_start.is_urdf else "no actuator in the file"
     result.hold(weak, f"{why}, and the rest falls or diverges without them: held")
     return _doubting_wheels(result, at_start)

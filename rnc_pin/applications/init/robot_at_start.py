@@ -14,7 +14,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.applications.init.evidence import DriveEvidence, body_frame, mimic_drivers
+from rnc_pin.applications.init.evidence import DriveEvidence, mimic_drivers
 from rnc_pin.errors import ModelError
 from rnc_pin.robots import Robot
 
@@ -51,12 +51,6 @@ def first_smallest(values: Sequence[float] | np.ndarray, slack: float) -> int:
 
 Kind: TypeAlias = Literal["collision", "visual"]
 GEOMETRY: tuple[Kind, ...] = ("collision", "visual")
-
-LEVEL = 0.1
-"""Largest vertical component of a unit axle vector."""
-
-NEAR = 0.3
-"""Largest height of a wheel's lowest point above the ground, in radii."""
 
 _CIRCLE = np.linspace(0.0, 2 * np.pi, 64, endpoint=False)
 
@@ -402,7 +396,7 @@ class RobotAtStart:
         # REP 105 names the frame of a base so; the first link is often a footprint on the ground.
         if "base_link" in frames:
             return "base_link"
-        return frames[0] if frames else body_frame(self.robot, max(self.root, 1))
+        return frames[0] if frames else self.body_frame(max(self.root, 1))
 
     @cached_property
     def placement(self) -> pin.SE3:
@@ -430,21 +424,26 @@ class RobotAtStart:
         is_named = np.abs(along).max() > np.cos(2 * ALIGNED)  # 2 degrees: the axle and the frame each have one
         return self.along(direction, frame) if is_named else [round(float(each), 9) for each in along]
 
-    def carrier(self, joint: str) -> str:
-        """Return the joint of the body that carries a joint; "universe" for a base that is fixed to the world.
+    def body_frame(self, joint: int) -> str:
+        """Return the name of the body frame at the joint's placement, or of the joint's own frame if there is none.
 
         Args:
-            joint: name of the joint.
+            joint: index of the joint.
         """
-        return str(self.robot.model.names[self.robot.model.parents[self.robot.joint_id(joint)]])
+        for link in self.robot.links_of(joint):
+            # Links behind fixed joints belong to the same body, and lie elsewhere.
+            if np.allclose(self.robot.model.frames[self.robot.frame_id(link)].placement.translation, 0.0):
+                return link
+        return str(self.robot.model.names[joint])
 
-    def own_point(self, point: np.ndarray) -> list[float]:
-        """Return a point of the world frame (3,) in the base's frame [m].
+    def links_on(self, joint: int) -> list[tuple[str, np.ndarray]]:
+        """Return the links that a joint moves, with the origins of their frames in the world frame (3,) [m].
 
         Args:
-            point: point in the world frame (3,) [m].
+            joint: index of the joint.
         """
-        return [round(float(each), 6) + 0.0 for each in self.placement.actInv(point)]
+        links = self.robot.links_of(joint)
+        return [(name, self.data.oMf[self.robot.frame_id(name)].translation.copy()) for name in links]
 
     @cached_property
     def title(self) -> tuple[str, ...]:

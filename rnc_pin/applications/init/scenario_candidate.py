@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 
@@ -15,16 +16,7 @@ from rnc_pin.applications.init import assumptions, start_values
 from rnc_pin.applications.init.evidence import mimic_drivers
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.source import Source
-from rnc_pin.applications.init.trial import (
-    FAR,
-    MEANINGFUL,
-    Trial,
-    kept_share,
-    model_findings,
-    run_findings,
-    worst_output,
-    write_draft,
-)
+from rnc_pin.applications.init.trial import FAR, MEANINGFUL, Trial, judged_trial, model_findings, write_draft
 from rnc_pin.applications.scenario.builder import Experiment, build_experiment, build_system
 from rnc_pin.applications.scenario.execution import Result, execute
 from rnc_pin.applications.scenario.scenario import Scenario
@@ -53,23 +45,20 @@ class ScenarioCandidate:
     def __init__(self, mobility: assumptions.BaseAssumptions, source: Source, at_start: RobotAtStart) -> None:
         # The order matters: locks change the robot, constraints its loose joints, and both the loads at the start.
         self.mobility, self.source, self.at_start = mobility, source, at_start
-        self._share = 1.0
         self.robot = self.source.load(mobility.base, mobility.lock)
-        self._against: list[str] = []
         mobility.lock = {**self.source.held, **mobility.lock}  # ``load`` may have held joints that move no mass
         self.start = {name: value for name, value in self.at_start.start.items() if name in self.robot.joint_names}
         mobility.mimic_drivers = mimic_drivers(self.robot, self.at_start.drives)
         mobility.passive |= set(mobility.mimic_drivers)
-        self._undriven = assumptions.assume_motors(mobility, self.robot, self.start, self.at_start.drives)
+        self._undriven = assumptions.assume_motors(mobility, self.start, self.at_start.drives)
         assumptions.conserve_momentum_of_free_joints(mobility, self.robot)
         mobility.constraints += start_values.loop_closures(self.robot)
         self._hold_loose_joints()
-        self._motions: dict[str, float] = {}
         self.start, moved = start_values.with_regular_inertia(self.robot, self.start)
         mobility.notes += moved
         self._bear_weight()
         self.candidates = assumptions.actuator_candidates(mobility, self.robot, self.start, self._undriven)
-        self.q0 = self._assembled_start()
+        self.q0 = self._assembled_start(1.0)
 
     @cached_property
     def system(self) -> NonholonomicSystem:
@@ -82,12 +71,12 @@ class ScenarioCandidate:
         }
         return build_system(validate(raw, "draft"), self.source.folder)
 
-    def _assembled_start(self) -> np.ndarray:
-        """Initial configuration (nq,), assembled: wheels on the ground."""
+    def _assembled_start(self, share: float) -> np.ndarray:
+        """Initial configuration (nq,) with a share of the usual motion, assembled: wheels on the ground."""
         q = self.robot.configuration({**self.start, **self.mobility.initial})
         lean = 0.05  # [rad]: half of the tilt for which inputs are weighted
         if self.mobility.lean is not None:
-            pitched = pin.AngleAxis(lean * self._share, self.mobility.lean / np.linalg.norm(self.mobility.lean))
+            pitched = pin.AngleAxis(lean * share, self.mobility.lean / np.linalg.norm(self.mobility.lean))
             q[3:7] = (pin.Quaternion(pitched) * pin.Quaternion(q[3:7])).coeffs()
         return self.system.assembled(q)
 
@@ -99,7 +88,12 @@ class ScenarioCandidate:
         """
         mobility, chosen = self.mobility, self._chosen_outputs()
         mobility.actuators = self._actuators(chosen)
-        findings = model_findings(self.system, mobility, chosen.entries, self._against)
+        against = [str(each[0]) for each in mobility.actuators if each in self.candidates.joints]
+        idle = [name for name in self.start if name in mobility.without_effort and name not in against]
+        why = "no actuator in the file" if self.source.is_mjcf else "effort 0 in the file"
+        if idle:
+            mobility.notes.append(f"{why}, so that nothing drives them: {', '.join(idle)}")
+        findings = model_findings(self.system, mobility, chosen.entries, against)
         loaded = "gravity loads the robot, and it learns this load slowly"
         is_slow = not mobility.weightless and self.start and start_values.is_loaded(self.robot, self.q0, self.start)
         failures = [loaded] if is_slow else []
@@ -120,7 +114,7 @@ class ScenarioCandidate:
                 continue
             if best is None or trial.relative_error < best[1].relative_error:
                 trial = replace(trial, findings=(*findings, *trial.findings))
-                raw, said = self._scenario(chosen, settings), remark.format(*failures[:1])
+                raw, said = self._scenario(chosen, settings, trial.share), remark.format(*failures[:1])
                 best = write_draft(self.robot.name, raw, said, trial, mobility), trial
             if trial.relative_error < FAR:
                 break
@@ -149,45 +143,29 @@ class ScenarioCandidate:
 
         If no motion keeps them, the usual one stays.
         """
-        trial = usual = self._try_out(chosen, settings)
+        trial = usual = self._try_out(chosen, settings, 1.0)
         most, least_share = 3, 0.05  # number of smaller motions that are tried, and the smallest share of the usual one
-        for _ in range(most):
-            # Less than a twentieth of the motion would show nothing of the robot.
-            if trial.kept_share == 1.0 or self._share * trial.kept_share < least_share:
-                break
-            # Rounded down to percents, which the file states.
-            self._reduce_motion(math.floor(100 * self._share * trial.kept_share) / 100)
-            try:
-                trial = self._try_out(chosen, settings)
-            except RncError:
-                break
-        if trial.kept_share == 1.0:
-            return trial
-        self._reduce_motion(usual.share)
-        return usual
+        with suppress(RncError):
+            for _ in range(most):
+                share = trial.share * trial.kept_share
+                # Less than a twentieth of the motion would show nothing of the robot.
+                if trial.kept_share == 1.0 or share < least_share:
+                    break
+                # Rounded down to percents, which the file states.
+                trial = self._try_out(chosen, settings, math.floor(100 * share) / 100)
+        return trial if trial.kept_share == 1.0 else usual
 
-    def _reduce_motion(self, share: float) -> None:
-        """Give the scenario a share of the usual motion."""
-        self._share = share
-        self.q0 = self._assembled_start()
-
-    def _try_out(self, chosen: assumptions.ChosenOutputs, settings: Mapping[str, Json]) -> Trial:
+    def _try_out(self, chosen: assumptions.ChosenOutputs, settings: Mapping[str, Json], share: float) -> Trial:
         """Build the scenario with its preflight and run it: briefly, then as far as the computing time permits."""
-        raw = self._scenario(chosen, settings)
+        raw = self._scenario(chosen, settings, share)
         experiment = build_experiment(validate(raw, "draft"), self.source.folder)
         # A tenth of a second first: it tells the speed of this robot, and most failures.
         result, taken = self._run(raw, experiment, _SHORT)
         possible = round(_SHORT * _PATIENCE / max(taken, 1e-6), 1)
         if possible >= MEANINGFUL:
             result, _ = self._run(raw, experiment, min(assumptions.DURATION + _REST, possible))
-        trajectory, mobility = result.trajectory, self.mobility
-        steps_share = 1.0 if mobility.v2 else self._share  # a bicycle keeps its speed: only the push is smaller
-        motions = {name: step * steps_share for name, step in self._motions.items()}
-        trial = worst_output(trajectory, motions, settles=mobility.lean is not None)
-        found = run_findings(trial, trajectory, replace(mobility, travel=mobility.travel * steps_share), self.robot)
-        at_rest = mobility.lean is None and not mobility.v2
-        kept = 1.0 if result.limits is None else kept_share(trajectory, result.limits, at_rest=at_rest)
-        return replace(trial, findings=(*found, *experiment.start_findings), kept_share=kept, share=self._share)
+        trial = judged_trial(result, self._motions(chosen, share), share, self.mobility, self.robot)
+        return replace(trial, findings=(*trial.findings, *experiment.start_findings))
 
     def _run(self, raw: dict[str, Json], experiment: Experiment, duration: float) -> tuple[Result, float]:
         """Run a part of an experiment; return the result and the processor time of its samples [s]."""
@@ -245,9 +223,16 @@ class ScenarioCandidate:
             **({"gravity": [0, 0, 0]} if mobility.weightless else {}),
         }
 
-    def _scenario(self, chosen: assumptions.ChosenOutputs, settings: Mapping[str, Json]) -> dict[str, Json]:
-        """Scenario with the settings of a controller and the present share of the motion."""
-        mobility = self.mobility
+    def _motions(self, chosen: assumptions.ChosenOutputs, share: float) -> dict[str, float]:
+        """Displacement of each reference by output; none of a robot that starts in motion, and keeps its speed."""
+        steps = [] if self.mobility.v2 else zip(chosen.names, chosen.steps, strict=True)
+        return {name: step * share for name, step in steps if name not in self.mobility.untracked}
+
+    def _scenario(
+        self, chosen: assumptions.ChosenOutputs, settings: Mapping[str, Json], share: float
+    ) -> dict[str, Json]:
+        """Scenario with the settings of a controller and a share of the usual motion."""
+        mobility, motions = self.mobility, self._motions(chosen, share)
         primary = [name for name in chosen.names if name not in mobility.untracked]
         view: dict[str, Json] = {"trail": [mobility.frame] if mobility.base != "fixed" else []}
         if mobility.ground is not None:
@@ -261,14 +246,12 @@ class ScenarioCandidate:
             "actuators": [entry for entry, _ in mobility.actuators],
             "outputs": {"reducing": chosen.entries, "vertical": mobility.vertical},
             "task": {"primary": primary, **({"redundant": redundant} if redundant else {})},
-            "initial": self._initial(),
+            "initial": self._initial(share),
             "view": view,
             **settings,
         }
-        if not mobility.v2:
-            steps = zip(chosen.names, chosen.steps, strict=True)
-            self._motions = {name: step for name, step in steps if name in primary}
-            by = [round(step * self._share, 4) for step in self._motions.values()]
+        if motions:
+            by = [round(step, 4) for step in motions.values()]
             scenario["reference"] = {"primary": {"minimum_jerk": {"by": by, "duration": assumptions.DURATION}}}
         return to_json_mapping(scenario, "draft")
 
@@ -285,15 +268,15 @@ class ScenarioCandidate:
         mobility.notes += start_values.keep_within_loops(chosen, self.system, self.q0, coupled)
         return chosen
 
-    def _initial(self) -> dict[str, Json]:
+    def _initial(self, share: float) -> dict[str, Json]:
         """Joint values at the start, and rates of a robot that starts in motion: a steady speed, and a push."""
         mobility = self.mobility
-        values = self.robot.joint_values(self.q0)
+        values = self.robot.joint_values(self._assembled_start(share))
         q: dict[str, Json] = {name: value for name, value in self.start.items() if value}
         q |= {name: (np.round(values[name], 9) + 0.0).tolist() for name in mobility.initial}
         kept = (mobility.feedback or {}).get("v2")
         steady = kept if isinstance(kept, Mapping) else {}
-        v2 = {name: rate if name in steady else rate * self._share for name, rate in mobility.v2.items()}
+        v2 = {name: rate if name in steady else rate * share for name, rate in mobility.v2.items()}
         return {"q": q, "v2": v2} if v2 else {"q": q}
 
     def _actuators(self, chosen: assumptions.ChosenOutputs) -> list[tuple[assumptions.Entry, str]]:
@@ -302,9 +285,4 @@ class ScenarioCandidate:
         # Feedback balances with fewer inputs than freedoms: rank tells nothing there.
         if self.mobility.feedback is None:
             driving = self.candidates.enough(self.system.reduce(chosen.kinds).at(self.q0).input_matrix)
-        self._against = [str(each[0]) for each in driving if each in self.candidates.joints]
-        idle = [name for name in self.start if name in self.mobility.without_effort and name not in self._against]
-        why = "no actuator in the file" if self.source.is_mjcf else "effort 0 in the file"
-        if idle:
-            self.mobility.notes.append(f"{why}, so that nothing drives them: {', '.join(idle)}")
         return driving

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from rnc_pin.applications.init.assumptions import DURATION, BaseAssumptions, Entry
+from rnc_pin.applications.scenario.execution import Result
 from rnc_pin.applications.scenario.files import one_line_yaml
 from rnc_pin.applications.scenario.plan_builder import frame_poses
 from rnc_pin.errors import few, printable
@@ -93,14 +94,27 @@ class Trial:
         return f"misses its reference: {self.output} is off by {self.error:.2g}, and should move by {self.motion:.2g}"
 
 
-def worst_output(trajectory: Trajectory, motions: Mapping[str, float], *, settles: bool) -> Trial:
-    """Return the worst output with a reference.
+def judged_trial(
+    result: Result, motions: Mapping[str, float], share: float, mobility: BaseAssumptions, robot: Robot
+) -> Trial:
+    """Return the trial of a run, with what the run shows.
 
     Args:
-        trajectory: the run.
+        result: the run.
         motions: displacement of each reference [m or rad], by output.
-        settles: True if only the end of the run counts, as for a controller that first has to balance.
+        share: share of the usual motion that the run makes.
+        mobility: assumptions about the base.
+        robot: the robot of the run.
     """
+    trial = replace(_worst_output(result.trajectory, motions, settles=mobility.lean is not None), share=share)
+    found = run_findings(trial, result.trajectory, mobility, robot)
+    at_rest = mobility.lean is None and not mobility.v2
+    kept = 1.0 if result.limits is None else _kept_share(result.trajectory, result.limits, at_rest=at_rest)
+    return replace(trial, findings=tuple(found), kept_share=kept)
+
+
+def _worst_output(trajectory: Trajectory, motions: Mapping[str, float], *, settles: bool) -> Trial:
+    """Worst output with a reference; ``settles`` if only the end counts, as for one that first has to balance."""
     duration = float(trajectory.time[-1])
     largest = max((abs(length) for length in motions.values()), default=0.0)
     errors = {name: error for name, error in tracking_errors(trajectory).items() if name in motions}
@@ -179,8 +193,9 @@ def run_findings(trial: Trial, trajectory: Trajectory, mobility: BaseAssumptions
         severity = Severity.FAILS if trial.relative_error >= LOST else Severity.DEGRADES
         message = f"its run {trial.failure_text}"
         found.append(Finding(FindingKind.GOAL, trial.output, trial.error, "", None, severity, message))
-    # A short trial sees only the slow beginning of a minimum-jerk motion.
-    asked = mobility.travel * _share(trial.duration / DURATION, steady=bool(mobility.v2))
+    s = min(trial.duration / DURATION, 1.0)
+    # A short trial sees only the slow beginning of a minimum-jerk motion; a bicycle keeps its speed.
+    asked = mobility.travel * (s if mobility.v2 else trial.share * s**3 * (10 - 15 * s + 6 * s**2))
     if asked and trial.duration >= MEANINGFUL:
         # Errors of its outputs may be small while the base stands: wheels that spin follow their angles.
         poses, _ = frame_poses(robot, mobility.frame, trajectory.q)
@@ -194,15 +209,11 @@ def run_findings(trial: Trial, trajectory: Trajectory, mobility: BaseAssumptions
     return [*found, *(replace(each, severity=Severity.DEGRADES) for each in said)]
 
 
-def kept_share(trajectory: Trajectory, replay: LimitReplay, *, at_rest: bool) -> float:
+def _kept_share(trajectory: Trajectory, replay: LimitReplay, *, at_rest: bool) -> float:
     """Share of the motion of a run that would keep the velocities and efforts of the file.
 
-    Rates and efforts are taken as proportional to the motion, apart from the efforts at rest, which the weight needs.
-
-    Args:
-        trajectory: the run.
-        replay: its use of limits.
-        at_rest: True if it starts at rest, so that its first efforts are those at rest.
+    Rates and efforts are taken as proportional to the motion, apart from the efforts at rest, which the weight needs:
+    those of the first sample of a run that starts at rest.
     """
     # The first sample stands at the start, before the reference moves.
     resting = dict(zip(trajectory.info.outputs.T.names, np.abs(trajectory.T[0]), strict=True)) if at_rest else {}
@@ -214,12 +225,6 @@ def kept_share(trajectory: Trajectory, replay: LimitReplay, *, at_rest: bool) ->
         if use.kind in ("velocity", "effort") and use.limit > rest:
             share = min(share, spared * (use.limit - rest) / (abs(use.value) - rest))
     return share
-
-
-def _share(elapsed: float, *, steady: bool) -> float:
-    """Share of the displacement after a share of the duration: of a minimum-jerk motion, or at a steady speed."""
-    s = min(elapsed, 1.0)
-    return s if steady else s**3 * (10 - 15 * s + 6 * s**2)
 
 
 def _model(where: str, amount: float, severity: Severity, message: str) -> Finding:

@@ -11,14 +11,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import pinocchio as pin
 
-from rnc_pin.applications.init.evidence import body_frame, has_word, joint_limits
+from rnc_pin.applications.init.evidence import has_word, joint_limits
 from rnc_pin.applications.init.robot_at_start import (
     ALIGNED,
     GEOMETRY,
-    LEVEL,
-    NEAR,
     PLACED,
     SAME,
     RobotAtStart,
@@ -30,6 +27,8 @@ from rnc_pin.applications.init.robot_at_start import (
 from rnc_pin.io import Json
 
 UPRIGHT = 1e-5  # horizontal part of a unit axis below which a pivot is vertical up to rounding
+LEVEL = 0.1  # largest vertical component of a unit axle vector
+NEAR = 0.3  # largest height of a wheel's lowest point above the ground, in radii
 _WHEEL = ".*wheel|wheel.*|tire|tyre|.*caster|caster.*|.*castor|castor.*"
 _NO_WHEEL = "reaction_wheel|flywheel|momentum_wheel|steering_?wheel|rotor|propeller|prop|pulley|gear|spider"
 
@@ -262,11 +261,10 @@ class WheelSearch:
         """Frame of a wheel and its position (3,): a link on the axle with a wheel's name, or the joint's body frame."""
         origin = self._data.oMi[joint].translation
         on_axle = 1e-4  # largest distance of a wheel's frame from its axle [m]: one that is farther away is eccentric
-        for index, frame in enumerate(self._model.frames):
-            called = frame.parentJoint == joint and frame.type == pin.FrameType.BODY and has_word(_WHEEL, frame.name)
-            if called and np.abs(across(self._data.oMf[index].translation - origin, axle)).max() < on_axle:
-                return str(frame.name), self._data.oMf[index].translation.copy()
-        return body_frame(self._at_start.robot, joint), origin.copy()
+        for link, place in self._at_start.links_on(joint):
+            if has_word(_WHEEL, link) and np.abs(across(place - origin, axle)).max() < on_axle:
+                return link, place
+        return self._at_start.body_frame(joint), origin.copy()
 
     def _are_rollers(self, joints: list[int], center: np.ndarray, axle: np.ndarray) -> bool:
         """True if child joints stand on a rim about the axle; side gears of a differential are on the axle itself."""
@@ -437,17 +435,21 @@ class WheelSearch:
     # ------------------------------------------------------------------ disks without a joint about their axle
 
     @cached_property
+    def _disks(self) -> list[Shape]:
+        """Drawn disks with a horizontal axis at the ground."""
+        disks = [each for each in self._at_start.drawn if each.is_disk and abs(each.axis[2]) < LEVEL]
+        return [each for each in disks if each.bottom - self._at_start.ground < NEAR * each.radius]
+
+    @cached_property
     def drawn_axles(self) -> list[Wheel]:
         """Pairs of coaxial horizontal disks at the ground on one body, each as one wheel that is only drawn."""
         axles: list[Wheel] = []
-        disks = [each for each in self._at_start.drawn if each.is_disk and abs(each.axis[2]) < LEVEL]
-        for one, other in itertools.permutations(disks, 2):
+        for one, other in itertools.permutations(self._disks, 2):
             between = other.middle - one.middle
             apart, radius = np.linalg.norm(between), one.radius
-            level = one.bottom - self._at_start.ground < NEAR * radius
             aligned = apart > radius and abs(between @ one.axis) > (1 - 0.5 * ALIGNED) * apart
             equal = one.joint == other.joint and abs(radius - other.radius) <= 0.1 * radius
-            if one.name < other.name and level and aligned and equal:  # each pair once
+            if one.name < other.name and aligned and equal:  # each pair once
                 # Midway: there the knife edge of both stands.
                 center = (one.middle + other.middle) / 2
                 wheel = self._drawn(one.joint, radius, center, one.axis, max(PLACED, 0.2 * radius))
@@ -484,43 +486,33 @@ class WheelSearch:
     @cached_property
     def crossed(self) -> list[str]:
         """Joints with a horizontal axis across that of the disk on the ground that they turn: mistakes of a file."""
-        model, crossed = self._model, []
         most = 0.1  # cosine of two axes that are across each other: 84 to 90 degrees
-        for shape in self._at_start.drawn:
-            joint = shape.joint
-            if joint <= self._at_start.root or model.joints[joint].nv != 1 or not shape.is_disk:
-                continue
-            axis = self._at_start.turning_axis(joint)
-            down = shape.bottom - self._at_start.ground < NEAR * shape.radius
-            level = max(abs(axis[2]), abs(shape.axis[2])) < LEVEL
-            if down and level and axis.any() and abs(axis @ shape.axis) < most:
-                crossed.append(str(model.names[joint]))
+        crossed = []
+        for disk in self._disks:
+            if disk.joint > self._at_start.root and self._model.joints[disk.joint].nv == 1:
+                axis = self._at_start.turning_axis(disk.joint)
+                if axis.any() and abs(axis[2]) < LEVEL and abs(axis @ disk.axis) < most:
+                    crossed.append(str(self._model.names[disk.joint]))
         return crossed
 
     def _drawn(self, joint: int, radius: float, center: np.ndarray, axle: np.ndarray, near: float) -> Wheel | None:
         """Wheel without a joint about its axle, or None if no frame of its body is along the axle and near it [m]."""
-        place = self._frame_on(joint, center, axle, near)
-        if place is None:
+        found: list[tuple[bool, float, str, Json]] = []
+        for link, place in self._at_start.links_on(joint):
+            axis, away = self._at_start.own_axis(axle, link), float(np.linalg.norm(across(place - center, axle)[:2]))
+            found += [(not isinstance(axis, str), away, link, axis)] if away <= near else []
+        if not found:
             return None
-        frame, axis = place
+        # With an axis along the axle, if possible. Of frames at one place the last: a link that a file adds to a body
+        # at the axle is named after the axle.
+        _, _, frame, edge_axis = min(reversed(found), key=lambda each: each[:2])
         bare = Wheel(str(self._model.names[joint]), frame, center, axle, radius, measured="visual")
         wheel, placement = self._carried(bare, joint), self._data.oMf[self._at_start.robot.frame_id(frame)]
         ahead = float((center - placement.translation) @ wheel.heading)
         # Only the part along the heading: beside and above, a knife edge has the same row.
         at: list[Json] = [round(float(each), 6) + 0.0 for each in placement.rotation.T @ (ahead * wheel.heading)]
-        edge: dict[str, Json] = {"frame": frame, "axis": axis}
+        edge: dict[str, Json] = {"frame": frame, "axis": edge_axis}
         return replace(wheel, edge={**edge, "at": at} if abs(ahead) > placed(radius) else edge)
-
-    def _frame_on(self, joint: int, point: np.ndarray, axle: np.ndarray, near: float) -> tuple[str, Json] | None:
-        """Frame of the body with its origin above or on the axle, if possible with an axis along it, and this axis."""
-        found = []
-        for index, frame in enumerate(self._model.frames):
-            if frame.parentJoint == joint and frame.type == pin.FrameType.BODY:
-                axis = self._at_start.own_axis(axle, frame.name)
-                away = float(np.linalg.norm(across(self._data.oMf[index].translation - point, axle)[:2]))
-                found += [(not isinstance(axis, str), away, str(frame.name), axis)] if away <= near else []
-        # Of frames at one place the last: a link that a file adds to a body at the axle is named after the axle.
-        return min(reversed(found), key=lambda each: each[:2])[2:] if found else None
 
 
 _ROUND = (1 - 10 * SAME) * 2 * np.pi  # range of a joint that turns round once [rad]: files write 3.14

@@ -28,11 +28,6 @@ class WheelGroup:
         return self.pivot.joint, *(wheel.joint for wheel in self.wheels)
 
     @property
-    def depth(self) -> int:
-        """Number of pivots between the wheels and the base."""
-        return len(self.wheels[0].pivots)
-
-    @property
     def is_lone(self) -> bool:
         """True for one wheel, or for twin wheels side by side."""
         # 2.5 radii: two wheels of one diameter with a gap between them. An axle of a trailer is wider.
@@ -223,11 +218,11 @@ def classify_wheels(
     for wheel in (each for each in wheels if each.pivots):
         groups.setdefault(wheel.pivots[0].joint, []).append(wheel)
     for group in groups.values():
-        balls = [each for each in group if each.is_ball and drives.says(each.joint) is not True]
+        rolling = [each for each in group if not each.is_ball or drives.says(each.joint)]
         # Balls beside wheels on a turret support it; alone, a ball may be the wheel of a caster.
-        if len(balls) < len(group):
-            result.balls += balls
-            group[:] = [each for each in group if all(each is not ball for ball in balls)]
+        if rolling:
+            result.balls += [each for each in group if each.is_ball and not drives.says(each.joint)]
+            group[:] = rolling
     carriages = [WheelGroup(group[0].pivots[0], tuple(group)) for group in groups.values()]
     for carriage in carriages:
         is_paired = any(_are_knuckles(carriage, each) for each in carriages if each is not carriage)
@@ -262,10 +257,10 @@ def _is_caster_across(wheel: Wheel, on_base: Iterable[Wheel], drives: DriveEvide
 
 def _straighten_towed(layout: WheelLayout) -> None:
     """Hold steered axles of towed bodies straight if the base has an axle of its own."""
-    own = [each for each in layout.steered if each.depth == 1]
-    if not (own or layout.fixed):  # then nothing else guides the base: steered drives of carts under a load
-        return
-    for each in [each for each in layout.steered if each.depth > 1]:
+    towed = [each for each in layout.steered if len(each.wheels[0].pivots) > 1]
+    if len(towed) == len(layout.steered) and not layout.fixed:
+        return  # nothing else guides the base: steered drives of carts under a load
+    for each in towed:
         layout.steered.remove(each)
         layout.straight.append(each.pivot)
         wheels = tuple(replace(wheel, pivots=wheel.pivots[1:]) for wheel in each.wheels)

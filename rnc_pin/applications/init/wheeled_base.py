@@ -8,7 +8,7 @@ from statistics import median
 import numpy as np
 
 from rnc_pin.applications.init.assumptions import BENT, DRIVEN, TURNED, BaseAssumptions, place_and_heading
-from rnc_pin.applications.init.evidence import GUESSED, LIKELY, SURE, Alternative, body_frame, has_word
+from rnc_pin.applications.init.evidence import GUESSED, LIKELY, SURE, Alternative, has_word
 from rnc_pin.applications.init.robot_at_start import RobotAtStart, placed
 from rnc_pin.applications.init.wheel_detection import Wheel
 from rnc_pin.applications.init.wheel_layout import TOWED, WheelGroup, WheelLayout, are_parallel, in_line
@@ -155,13 +155,14 @@ def knife_edge_base(axles: list[Wheel], drawn: WheelLayout, at_start: RobotAtSta
                 edge = _midway(at_start, there[0].axle, np.mean([each.center for each in there], axis=0))
             result.notes.append(f"{len(there)} axles of one body cannot all roll in a turn: MEASURE where it turns")
         result.constraints.append(({"no_side_slip": edge}, "knife edge"))
-    carriers = [at_start.carrier(group.pivot.joint) for group in drawn.steered]
+    model = at_start.robot.model
+    carriers = [str(model.names[model.parents[group.pivot.index]]) for group in drawn.steered]
     # The truck of a semitrailer drives, although the tree of the file may begin at the trailer.
     own = [each for each in axles if each.joint in carriers]
     own = own or [each for each in axles if each.joint == at_start.root_joint] or axles[:1]
     steered = [group for group, carrier in zip(drawn.steered, carriers, strict=True) if carrier == own[0].joint]
     if steered and own[0].joint != at_start.root_joint:
-        result.frame = body_frame(at_start.robot, at_start.robot.joint_id(own[0].joint))
+        result.frame = at_start.body_frame(at_start.robot.joint_id(own[0].joint))
     along = at_start.along(own[0].heading, result.frame)
     result.act("force", along, "drives the base")
     result.drive_along(along)
@@ -180,7 +181,8 @@ def knife_edge_base(axles: list[Wheel], drawn: WheelLayout, at_start: RobotAtSta
 def _midway(at_start: RobotAtStart, axle: np.ndarray, middle: np.ndarray) -> dict[str, Json]:
     """Knife edge at the midpoint of several axles; axle direction (3,) and midpoint (3,) in the world frame."""
     edge: dict[str, Json] = {"frame": at_start.frame, "axis": at_start.own_axis(axle)}
-    at = at_start.own_point(np.array([*middle[:2], at_start.placement.translation[2]]))
+    at = at_start.placement.actInv(np.array([*middle[:2], at_start.placement.translation[2]]))
+    at = [round(float(each), 6) + 0.0 for each in at]
     if any(at):
         edge["at"] = at
     return edge
@@ -243,9 +245,8 @@ def tracks(layout: WheelLayout) -> list[list[Wheel]]:
     called = all(has_word(track_words, *wheel.names) for wheel in wheels)
     # A sprocket on one side only is some other machine above the wheels.
     driven_above = {_is_left(wheel, layout) for wheel in layout.raised} == {True, False}
-    each_side = sorted(sides.values(), key=lambda side: wheels.index(side[0]))
     least = of_track if called or driven_above else many
-    return each_side if len(sides) == 2 and min(map(len, each_side)) >= least else []
+    return [*sides.values()] if len(sides) == 2 and min(map(len, sides.values())) >= least else []
 
 
 def _is_left(wheel: Wheel, layout: WheelLayout) -> bool:

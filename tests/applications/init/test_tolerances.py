@@ -26,8 +26,8 @@ pytestmark = pytest.mark.filterwarnings("ignore::rnc_pin.ModelWarning")
 def built_only(monkeypatch):
     """Drafts are built with their preflight here, and not run."""
 
-    def build(self, chosen, settings):
-        content = self._scenario(chosen, settings)
+    def build(self, chosen, settings, share):
+        content = self._scenario(chosen, settings, share)
         content["simulation"]["duration"] = 0.1  # so that the roll-out is short
         build_experiment(validate(content, "draft"), self.source.folder)
         return Trial(0.0)
