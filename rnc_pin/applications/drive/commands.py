@@ -195,11 +195,8 @@ class DriveGoals(NamedTuple):
 
 def initial_goals(controls: DriveControls) -> DriveGoals:
     """Goals before the first command: the initial posture."""
-    return DriveGoals(
-        {},
-        {name: each.start for name, each in controls.joints.items()},
-        {name: each.start for name, each in GAINS.items()},
-    )
+    posture = {name: each.start for name, each in controls.joints.items()}
+    return DriveGoals({}, posture, {name: each.start for name, each in GAINS.items()})
 
 
 def with_command(goals: DriveGoals, command: DriveCommand, t: float, posture: Mapping[str, float]) -> DriveGoals:

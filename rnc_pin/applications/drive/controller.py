@@ -299,9 +299,7 @@ class DriveController:
 
     def _tasks(self) -> list[ControlTask]:
         reduced, board, controls = self._reduced, self._board, self.controls
-        tasks: list[ControlTask] = [
-            DrivenTask(rows=_Frame(reduced, board, name), priority=1) for name in controls.frames
-        ]
+        tasks = list[ControlTask](DrivenTask(rows=_Frame(reduced, board, name), priority=1) for name in controls.frames)
         if controls.base is not None:
             tasks.append(DrivenTask(rows=_Base(reduced, board, controls.base, self._dt)))
             tasks.append(DrivenTask(rows=_Base(reduced, board, controls.base, self._dt, resting=True), priority=2))
@@ -341,11 +339,8 @@ class DriveController:
     def findings(self, state: object, samples: int) -> tuple[Finding, ...]:
         """Return findings of the program, and the distances that hold the robot back at the end."""
         program = drive_state_of(state).program
-        found = [
-            each
-            for each in self.program.findings(program, samples)
-            if not each.where.endswith(" acceleration")  # soft limits: a sudden stop may exceed them
-        ]
+        # Without accelerations, which are soft limits: a sudden stop may exceed them.
+        found = [each for each in self.program.findings(program, samples) if not each.where.endswith(" acceleration")]
         held = [name for name in self.program.report(program).active if name.endswith(" distance")]
         if held:
             message = f"at the end, collision avoidance holds the robot back: {few(held)}"

@@ -285,11 +285,8 @@ def find_controls(reduced: ReducedModel, q0: np.ndarray, frames: Sequence[str], 
     """
     base = find_base(reduced, q0, joints)
     driven = () if base is None else base.wheels
-    return DriveControls(
-        {frame: _movable_axes(reduced, q0, frame) for frame in frames},
-        {name: _range_of(reduced, q0, name) for name in joints if name not in driven},
-        base,
-    )
+    ranges = {name: _range_of(reduced, q0, name) for name in joints if name not in driven}
+    return DriveControls({frame: _movable_axes(reduced, q0, frame) for frame in frames}, ranges, base)
 
 
 def _movable_axes(reduced: ReducedModel, q0: np.ndarray, frame: str) -> tuple[bool, bool, bool]:

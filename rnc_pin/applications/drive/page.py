@@ -57,7 +57,7 @@ class DrivePage(LiveView):
         status, self._status = self._status, None
         if status is not None:
             self._mark(status.goals.base_goal)
-            self.tell("status", self._status_entry(status, state.q))
+            self.tell("status", self._status_entry(status))
 
     def conclude(self, verdict: Verdict) -> None:
         """Show the verdict of the run in place of its messages: the findings that count, those that fail first."""
@@ -67,21 +67,14 @@ class DrivePage(LiveView):
         headline = f"The run has ended. Verdict: {verdict.word}"
         self.tell("verdict", {"word": verdict.word, "headline": headline, "findings": lines})
 
-    def _status_entry(self, status: DriveStatus, q: np.ndarray) -> dict[str, Json]:
-        controls, goals, robot = self._controls, status.goals, self._model.robot
-        assert self._model.reduced is not None
-        position = self._model.reduced.at(q).position
-        places: dict[str, Json] = {
-            name: np.array(position.placement(robot.frame_id(name)).translation).tolist() for name in controls.frames
-        }
-        aims: dict[str, Json] = {name: list(goal.position) for name, goal in goals.frames.items()}
+    def _status_entry(self, status: DriveStatus) -> dict[str, Json]:
         return {
             "factor": status.factor,
             "limits": status.limits,
             "messages": status.messages,
-            "values": goals.posture,
-            "places": places,
-            "goals": aims,
+            "values": status.goals.posture,
+            "places": {name: status.places[name].tolist() for name in self._controls.frames},
+            "goals": {name: list(goal.position) for name, goal in status.goals.frames.items()},
         }
 
     def _mark(self, goal: tuple[float, float] | None) -> None:

@@ -16,12 +16,11 @@ from rnc_pin.applications.drive.commands import LoggedCommand
 from rnc_pin.applications.drive.controller import DriveController
 from rnc_pin.applications.drive.controls import DriveControls, base_frame, find_controls, find_pivots
 from rnc_pin.applications.init import DraftOptions, draft
-from rnc_pin.applications.init.assumptions import select_outputs
+from rnc_pin.applications.init.assumptions import ChosenOutputs, select_outputs
 from rnc_pin.applications.scenario.builder import Experiment, build_system
 from rnc_pin.applications.scenario.files import ROBOT_FILES, built_in_names, mapping_of, robot_names
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.scenario.schema import ScenarioFile
-from rnc_pin.applications.scenario.schema.scenario import output_of
 from rnc_pin.control import ActuatorVelocityController, ComputedTorque, VelocityTracker, describe
 from rnc_pin.errors import ConfigurationError, RncError, few
 from rnc_pin.io import Json, load_yaml
@@ -112,7 +111,7 @@ def _driven(scenario: Scenario, frames: tuple[str, ...]) -> PreparedDrive:
     joints = [name for name in reduced.reducing.names if name in reduced.robot.joint_names]
     controls, log = find_controls(reduced, experiment.q0, frames, joints), list[LoggedCommand]()
     assert experiment.program is not None  # the controller of every driven scenario has one
-    limits = _with_obstacles(experiment.program.limits, reduced, experiment)
+    limits = _with_obstacles(experiment, experiment.program.limits)
     controller = DriveController(reduced, controls, log, limits, settings.dt)
     # A copy: the experiment of the scenario keeps its own program.
     tracker = copy.copy(experiment.controller)
@@ -122,14 +121,12 @@ def _driven(scenario: Scenario, frames: tuple[str, ...]) -> PreparedDrive:
     return PreparedDrive(scenario.built_with(experiment=driven), controls, log, controller)
 
 
-def _with_obstacles(
-    limits: Sequence[ControlLimit], reduced: ReducedModel, experiment: Experiment
-) -> list[ControlLimit]:
+def _with_obstacles(experiment: Experiment, limits: Sequence[ControlLimit]) -> list[ControlLimit]:
     """Return the limits of the scenario, with distances to its obstacles."""
+    if not experiment.reduced.robot.has_collision_shapes:
+        return list(limits)
     kept = [each for each in limits if not isinstance(each, CollisionAvoidance)]
     given = next((each for each in limits if isinstance(each, CollisionAvoidance)), None)
-    if not reduced.robot.has_collision_shapes:
-        return list(limits)
     # Also if the scenario asks for none: its author knew the motion, and a user goes anywhere.
     return [*kept, replace(given or CollisionAvoidance(q0=experiment.q0), obstacles=tuple(experiment.obstacles))]
 
@@ -143,16 +140,14 @@ def _driven_config(
     """Return the scenario with outputs that are never dependent, and with a velocity program."""
     raw = source.raw
     config = {key: value for key, value in raw.items() if key not in _REPLACED}
-    reducing, q0 = _reducing(source, system)
-    config["outputs"] = {
-        "reducing": list(reducing),
-        "vertical": [{"frame_position": {"frame": frame}} for frame in frames],
-    }
+    chosen, q0 = _chosen_outputs(source, system)
+    vertical = [{"frame_position": {"frame": frame}} for frame in frames]
+    config["outputs"] = {"reducing": chosen.entries, "vertical": vertical}
     given = raw.get("controller")
-    chosen = given if isinstance(given, Mapping) and given.get("type") == "qp" else _CONTROLLER
-    reduced = system.reduce([output_of(entry) for entry in reducing])
-    limits = {"acceleration": {"limit": _accelerations(reduced, q0)}, **mapping_of(chosen.get("limits"))}
-    config["controller"] = {**chosen, "limits": limits}
+    program = given if isinstance(given, Mapping) and given.get("type") == "qp" else _CONTROLLER
+    most = _accelerations(system.reduce(chosen.kinds), q0)
+    limits = {"acceleration": {"limit": most}, **mapping_of(program.get("limits"))}
+    config["controller"] = {**program, "limits": limits}
     settings = dict(mapping_of(raw.get("simulation")))
     # A file needs a duration; a driven run ends by its user.
     if settings.get("duration", "plan") == "plan":
@@ -199,7 +194,7 @@ def _accelerations(reduced: ReducedModel, q0: np.ndarray) -> list[Json]:
     return [float(f"{max(each, _SLOWEST):.3g}") for each in found]
 
 
-def _reducing(source: Scenario, system: NonholonomicSystem) -> tuple[list[dict[str, Json]], np.ndarray]:
+def _chosen_outputs(source: Scenario, system: NonholonomicSystem) -> tuple[ChosenOutputs, np.ndarray]:
     """Independent outputs, and the start. Joints come first if pivots are aimed: speeds of the base may vanish."""
     robot, given = system.robot, source.content.initial.q
     q0 = robot.configuration(given)
@@ -207,8 +202,7 @@ def _reducing(source: Scenario, system: NonholonomicSystem) -> tuple[list[dict[s
         q0 = system.assembled(q0, list(given))
     base = base_frame(robot, [])
     aimed = base is not None and bool(find_pivots(system.reduce(), q0, base)[0])
-    chosen = select_outputs(_output_candidates(source, robot, aimed), system, q0)
-    return [dict(entry) for entry in chosen.entries], q0
+    return select_outputs(_output_candidates(source, robot, aimed), system, q0), q0
 
 
 def _output_candidates(source: Scenario, robot: Robot, joints_first: bool) -> list[tuple[Mapping[str, Json], float]]:

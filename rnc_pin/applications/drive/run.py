@@ -75,7 +75,6 @@ class CommandQueue:
 class DriveStatus(NamedTuple):
     """Status at one sample."""
 
-    time: float
     factor: float
     """Simulated time over real time."""
     goals: DriveGoals
@@ -84,6 +83,8 @@ class DriveStatus(NamedTuple):
     """Distances of goals that are not reached [m]."""
     refused: str
     """Last command that was refused; empty if there is none."""
+    places: Mapping[str, np.ndarray]
+    """Positions of the frames of the controls and of the base (3,) [m]."""
 
     @property
     def limits(self) -> list[str]:
@@ -247,12 +248,12 @@ def _status(
     state = drive_state_of(run.loop.state.controller)
     position = reduced.at(sample.measurement.q).position
     names = [*controls.frames, *(() if controls.base is None else (controls.base.frame,))]
-    points = {name: np.array(position.placement(reduced.robot.frame_id(name)).translation) for name in names}
+    places = {name: np.array(position.placement(reduced.robot.frame_id(name)).translation) for name in names}
     return DriveStatus(
-        sample.time,
         1.0 if clock is None else clock.factor,
         state.goals,
         prepared.controller.program.report(state.program),
-        goal_distances(controls, state.goals, points),
+        goal_distances(controls, state.goals, places),
         "" if queue is None else queue.refused,
+        places,
     )

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from rnc_pin.applications.init.evidence import LIKELY, SURE, Alternative, DraftDecision, DriveEvidence, range_of_motion
+from rnc_pin.applications.init.evidence import LIKELY, SURE, Alternative, DraftDecision, DriveEvidence, joint_range
 from rnc_pin.applications.init.robot_at_start import INDEPENDENT, SAME
 from rnc_pin.applications.init.wheel_detection import UPRIGHT, Wheel
 from rnc_pin.applications.scenario.schema.scenario import constraint_of, output_of
@@ -292,7 +292,11 @@ def _independent(rows: np.ndarray, added: np.ndarray) -> bool:
 
 def _step(robot: Robot, name: str, value: float) -> float:
     """Displacement of a joint's reference [rad or m]: small, toward the farther limit."""
-    low, high = range_of_motion(robot, name)
+    low, high = joint_range(robot, name)
+    for mimic in robot.mimics:  # joints that it mimics stay within their limits, too
+        if mimic.joint == name and mimic.multiplier and mimic.of in robot.joint_names:
+            ends = sorted(mimic.multiplier * end + mimic.offset for end in joint_range(robot, mimic.of))
+            low, high = max(low, ends[0]), min(high, ends[1])
     above, below = high - value, value - low  # both infinite without limits
     slid = 0.05  # displacement of the reference of a prismatic joint [m]
     # A third of the way to the farther limit leaves room for the overshoot.
@@ -315,11 +319,6 @@ class ActuatorCandidates:
     joints: list[tuple[Entry, str]]
     forces: list[tuple[Entry, str]]
     wheels: list[tuple[Entry, str]]
-
-    @property
-    def named(self) -> list[tuple[Entry, str]]:
-        """Entries of a base with a controller of its own, with or without effort in the file."""
-        return [*self.sure, *self.wheels]
 
     @property
     def all(self) -> list[tuple[Entry, str]]:
@@ -356,7 +355,7 @@ def actuator_candidates(
         undriven: joints without an actuator in a file that names the actuators of other joints.
     """
     joints = [name for name in start if name not in undriven]
-    driving = [each for each in mobility.actuators if not (isinstance(each[0], str) and each[0] in undriven)]
+    driving = [each for each in mobility.actuators if each[0] not in undriven]
     named = {entry for entry, _ in driving if isinstance(entry, str)}
     # A torque on a joint whose momentum is conserved would contradict its row.
     conserved = {entry.get("momentum") for entry, _ in mobility.constraints if isinstance(entry, dict)}

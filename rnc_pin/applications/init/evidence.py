@@ -145,21 +145,6 @@ def joint_range(robot: Robot, name: str, leaders: tuple[str, ...] = ()) -> tuple
     return low, high
 
 
-def range_of_motion(robot: Robot, name: str) -> tuple[float, float]:
-    """Position limits of a joint at which those that it mimics and its mimic joints are within theirs [rad or m].
-
-    Args:
-        robot: the robot.
-        name: name of the joint.
-    """
-    low, high = joint_range(robot, name)
-    for mimic in robot.mimics:
-        if mimic.joint == name and mimic.multiplier and mimic.of in robot.joint_names:
-            ends = sorted(mimic.multiplier * end + mimic.offset for end in joint_range(robot, mimic.of))
-            low, high = max(low, ends[0]), min(high, ends[1])
-    return low, high
-
-
 def effort_limit(robot: Robot, name: str) -> float:
     """Effort limit of a joint with one degree of freedom [N or N m]; 0 if the file gives none.
 

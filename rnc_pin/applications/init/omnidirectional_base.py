@@ -220,15 +220,11 @@ def force_driven_base(layout: WheelLayout, at_start: RobotAtStart, why: str = ""
 
 
 def _why_not_on_wheels(found: WheelLayout) -> str:
-    if found.fixed:
-        return "these wheels cannot roll together as they are read"
-    if not found.steered:
-        return "all wheels are casters"
-    if len(found.steered) == 1 and found.casters:
+    if len(found.steered) == 1 and found.casters and not found.fixed:
         still = " ".join(f"--lock {each.pivot.joint}" for each in found.casters)
         pivot = found.steered[0].pivot.joint
         return f"{pivot} alone steers, and casters do not hold the heading of the base (if they are fixed: {still})"
-    return "every wheel is steered by itself"
+    return "these wheels do not hold the base as they are read"
 
 
 def push(result: BaseAssumptions) -> None:
@@ -280,12 +276,9 @@ def _modelled_angle(wheel: Wheel, at_start: RobotAtStart) -> float:
 
 def _on_base(wheels: list[Wheel], angles: list[float]) -> np.ndarray:
     """Roller rows (k, 3) for linear and angular velocity of a base in the middle of the wheels."""
-    middle = np.mean([wheel.center for wheel in wheels], axis=0)
-    rows = []
-    for wheel, angle in zip(wheels, angles, strict=True):
-        x, y, _ = np.cos(angle) * wheel.heading + np.sin(angle) * np.cross([0.0, 0.0, 1.0], wheel.heading)
-        at = wheel.center - middle
-        # Rotation as speed of this wheel: then a singular value does not depend on the size of the base.
-        size = max(float(np.hypot(at[0], at[1])), 1e-9)
-        rows.append([x, y, (at[0] * y - at[1] * x) / size])
-    return np.array(rows)
+    centers, headings = (np.array(each) for each in zip(*((each.center, each.heading) for each in wheels), strict=True))
+    cosines, sines = np.cos(angles)[:, None], np.sin(angles)[:, None]
+    x, y, _ = (cosines * headings + sines * np.cross([0.0, 0.0, 1.0], headings)).T
+    ahead, left, _ = (centers - centers.mean(axis=0)).T
+    # Rotation as speed of a wheel: then a singular value does not depend on the size of the base.
+    return np.column_stack([x, y, (ahead * y - left * x) / np.maximum(np.hypot(ahead, left), 1e-9)])

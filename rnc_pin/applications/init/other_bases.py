@@ -14,7 +14,7 @@ from rnc_pin.applications.init.assumptions import DRIVEN, DURATION, BaseAssumpti
 from rnc_pin.applications.init.evidence import GUESSED, LIKELY, SURE, Alternative, DraftDecision, has_word, joint_limits
 from rnc_pin.applications.init.omnidirectional_base import push
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
-from rnc_pin.applications.init.wheel_detection import Wheel
+from rnc_pin.applications.init.wheel_detection import NEAR, Wheel
 from rnc_pin.applications.init.wheel_layout import WheelLayout
 from rnc_pin.applications.init.wheeled_base import planar
 from rnc_pin.errors import ConfigurationError, few
@@ -150,8 +150,8 @@ def bicycle_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions
     evidence = "its wheels stand in line, and one of them is steered"
     result.decide("Does it lean, as a bicycle does?", "yes", LIKELY, evidence, upright)
     _lie_down(result, [rear, front])
-    remarks = measured(rear), f"steered by {steering}; {measured(front)}"
-    result.constraints += zip((rolls(rear), rolls(front)), remarks, strict=True)
+    result.constraints.append((rolls(rear), measured(rear)))
+    result.constraints.append((rolls(front), f"steered by {steering}; {measured(front)}"))
     result.actuators.append((rear.joint, "drives"))
     result.steer(steering)
     result.passive.add(front.joint)
@@ -223,11 +223,11 @@ def _support(layout: WheelLayout, at_start: RobotAtStart) -> str:
     model, joint_id = at_start.robot.model, at_start.robot.joint_id
     supports = [int(each) for wheel in layout.fixed for each in model.supports[joint_id(wheel.joint)]]
     own = {each for each in supports if each > at_start.root}  # wheels and legs
-    everything = [each for kind in at_start.shapes.values() for each in kind if each.joint not in own]
-    near = 0.3  # largest height of a support above the ground, in radii
-    for shape in everything:  # a low skid or a ball without a joint, whatever its name
-        if shape.bottom - (axle - radius) < near * radius:
-            return shape.name
+    # A low skid or a ball without a joint, whatever its name.
+    beside = [each for each in at_start.all_shapes if each.joint not in own]
+    low = [each.name for each in beside if each.bottom - (axle - radius) < NEAR * radius]
+    if low:
+        return low[0]
     support = "caster.*|.*caster|castor.*|.*castor|support|skid|stabili[sz]er|ball|roller|slider|foot|feet|leg_rest"
     for index, frame in enumerate(model.frames):
         low = at_start.data.oMf[index].translation[2] <= axle
@@ -327,17 +327,18 @@ def without_wheels(
 
 def _likely_motion(at_start: RobotAtStart, mass_of_base: Callable[[], float]) -> tuple[str, bool, str, float]:
     """Likely base of a robot without wheels, whether it floats, the evidence, and the confidence."""
-    own = at_start.has_free_joint
     if over_ground := moves_over_ground(at_start):
         return "planar", False, over_ground, LIKELY
-    why, sure = ("a free joint in the file", SURE) if own else _floats(at_start, mass_of_base)
+    if at_start.has_free_joint:
+        return "free", True, "a free joint in the file", SURE
+    why, sure = _floats(at_start, mass_of_base)
     if not why:
         return "fixed", False, "no wheels were found, and nothing tells that it floats", LIKELY
     # Against floating: names of wheels, and bodies that resist turning about one axis only.
-    if not own and _called_wheels(at_start):
+    if _called_wheels(at_start):
         called = "links are called wheels, so that it stands on the ground, and no joint turns them there"
         return "planar", False, called, GUESSED
-    if not own and (flat := flat_links(at_start.robot.model)):
+    if flat := flat_links(at_start.robot.model):
         about = f"{few(flat)} have a moment of inertia about one axis only, as of a robot in a plane"
         return "planar", True, f"{why}, and {about}", LIKELY
     return "free", True, why, sure

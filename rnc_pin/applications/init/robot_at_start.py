@@ -7,6 +7,7 @@ millimetre.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal, TypeAlias
@@ -65,7 +66,6 @@ class Shape:
         points: points in the world frame (k, 3) [m].
         margin: radius around the points [m].
         axis: axis of a cylinder in the world frame (3,); zero for other shapes.
-        file: path of the mesh, or an empty string.
     """
 
     joint: int
@@ -73,7 +73,6 @@ class Shape:
     points: np.ndarray
     margin: float
     axis: np.ndarray
-    file: str
 
     @property
     def bottom(self) -> float:
@@ -94,14 +93,6 @@ class Shape:
     def is_disk(self) -> bool:
         """True for a cylinder that is short beside its radius."""
         return bool(self.axis.any() and np.ptp(self.points @ self.axis) < 1.5 * self.radius)
-
-
-def _joints_without_mesh(robot: Robot, kind: Kind) -> set[int]:
-    try:
-        links = robot.missing_meshes(kind)
-    except ModelError:  # geometry that cannot be read at all
-        return set()
-    return {int(robot.model.frames[robot.frame_id(link)].parentJoint) for link in links}
 
 
 def shapes(robot: Robot, kind: Kind, q: np.ndarray) -> list[Shape]:
@@ -129,7 +120,7 @@ def shapes(robot: Robot, kind: Kind, q: np.ndarray) -> list[Shape]:
         points, margin = local
         axis = placement.rotation[:, 2] * (type(item.geometry).__name__ == "Cylinder")
         world = points @ placement.rotation.T + placement.translation
-        found.append(Shape(item.parentJoint, item.name, world, margin, axis, item.meshPath))
+        found.append(Shape(item.parentJoint, item.name, world, margin, axis))
     return found
 
 
@@ -271,24 +262,33 @@ class RobotAtStart:
         return data
 
     @cached_property
-    def shapes(self) -> dict[str, list[Shape]]:
+    def shapes(self) -> dict[Kind, list[Shape]]:
         """Shapes of the "collision" and the "visual" geometry.
 
         A body behind the base that lacks a mesh has no shapes of that geometry: the rest, such as the hub of a wheel
         without its tyre, would give a wrong size.
         """
-        # The base itself keeps what is left: its lowest point tells the ground, and nothing measures its radius.
-        return {
-            kind: [
-                each for each in shapes(self.robot, kind, self.q) if each.joint <= self.root or each.joint not in lost
-            ]
-            for kind, lost in self.without_mesh.items()
-        }
+        every = {kind: shapes(self.robot, kind, self.q) for kind in GEOMETRY}
+        return {kind: [each for each in every[kind] if each.joint not in self.without_mesh[kind]] for kind in GEOMETRY}
 
     @cached_property
     def without_mesh(self) -> dict[Kind, set[int]]:
-        """Indices of the joints that carry links whose "collision" or "visual" geometry lacks a mesh."""
-        return {kind: _joints_without_mesh(self.robot, kind) for kind in GEOMETRY}
+        """Indices of the joints behind the base that carry links whose "collision" or "visual" geometry lacks a mesh.
+
+        The base itself keeps what is left: its lowest point tells the ground, and nothing measures its radius.
+        """
+        found: dict[Kind, set[int]] = {kind: set() for kind in GEOMETRY}
+        for kind in GEOMETRY:
+            with suppress(ModelError):  # geometry that cannot be read at all
+                links = [self.robot.frame_id(each) for each in self.robot.missing_meshes(kind)]
+                joints = {int(self.robot.model.frames[link].parentJoint) for link in links}
+                found[kind] = {each for each in joints if each > self.root}
+        return found
+
+    @property
+    def all_shapes(self) -> list[Shape]:
+        """Shapes of both geometries."""
+        return [each for kind in GEOMETRY for each in self.shapes[kind]]
 
     @property
     def drawn(self) -> list[Shape]:

@@ -87,7 +87,10 @@ class ScenarioCandidate:
             RncError: no controller completes the run.
         """
         mobility, chosen = self.mobility, self._chosen_outputs()
-        mobility.actuators = self._actuators(chosen)
+        if mobility.feedback is None:  # joints without effort and forces on the base only if the others are not enough
+            mobility.actuators = self.candidates.enough(self.system.reduce(chosen.kinds).at(self.q0).input_matrix)
+        else:  # feedback balances with fewer inputs than freedoms: rank tells nothing there
+            mobility.actuators = [*self.candidates.sure, *self.candidates.wheels]
         against = [str(each[0]) for each in mobility.actuators if each in self.candidates.joints]
         idle = [name for name in self.start if name in mobility.without_effort and name not in against]
         why = "no actuator in the file" if self.source.is_mjcf else "effort 0 in the file"
@@ -103,10 +106,8 @@ class ScenarioCandidate:
             # error, and not sampling.
             if best is not None and controller.get("tracker") == "adaptive":
                 continue
-            settings: dict[str, Json] = {
-                "controller": controller,
-                "simulation": {"duration": assumptions.DURATION + _REST, "dt": dt},
-            }
+            simulation: dict[str, Json] = {"duration": assumptions.DURATION + _REST, "dt": dt}
+            settings: dict[str, Json] = {"controller": controller, "simulation": simulation}
             try:
                 trial = self._try_within_limits(chosen, settings)
             except RncError as error:  # in a draft, a failure is evidence: the remark on the next controller has it
@@ -278,11 +279,3 @@ class ScenarioCandidate:
         steady = kept if isinstance(kept, Mapping) else {}
         v2 = {name: rate if name in steady else rate * share for name, rate in mobility.v2.items()}
         return {"q": q, "v2": v2} if v2 else {"q": q}
-
-    def _actuators(self, chosen: assumptions.ChosenOutputs) -> list[tuple[assumptions.Entry, str]]:
-        """Actuator entries; joints without effort and forces on the base only if the others are not enough."""
-        driving = self.candidates.named
-        # Feedback balances with fewer inputs than freedoms: rank tells nothing there.
-        if self.mobility.feedback is None:
-            driving = self.candidates.enough(self.system.reduce(chosen.kinds).at(self.q0).input_matrix)
-        return driving

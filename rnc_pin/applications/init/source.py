@@ -6,6 +6,7 @@ import dataclasses
 import os
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -143,17 +144,12 @@ class Source:
         try:
             robot = self.load(base)
             return self.load(base) if self._lock_leaders(robot) else robot, False
-        except ModelError as error:
-            if self.is_mjcf:  # an MJCF has its base in the file
-                raise
-            # A URDF of one link has no joint at all; on a free base it has six.
-            try:
-                robot = self.load_unchanged("free")
-            except ModelError:
-                raise error from None
-            if robot.nv > 6:
-                raise
-            return robot, True
+        except ModelError:
+            # A URDF of one link has no joint at all; on a free base it has six. An MJCF has its base in the file.
+            with suppress(ModelError):
+                if not self.is_mjcf and (robot := self.load_unchanged("free")).nv == 6:
+                    return robot, True
+            raise
 
     @property
     def is_mjcf(self) -> bool:

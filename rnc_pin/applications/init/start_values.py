@@ -149,9 +149,7 @@ def start_values(robot: Robot) -> _Values:
         robot: the robot.
     """
     start = {}
-    for index, name in enumerate(robot.joint_names, start=1):
-        if robot.model.joints[index].nv != 1:
-            continue
+    for name in robot.single_joint_names:
         (low, high), (first, last) = joint_range(robot, name), _inner_range(robot, name)
         inside = round(float(min(max(0.0, first), last)), 4) + 0.0
         # Zero first: a file draws its robot there, so that shapes and wheels are where they are read.

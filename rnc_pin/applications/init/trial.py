@@ -259,10 +259,8 @@ def write_draft(name: str, scenario: Mapping[str, Any], remark: str, trial: Tria
         *_entries("reducing", [(each, "") for each in scenario["outputs"]["reducing"]], "", "  "),
     ]
     if mobility.vertical:
-        lines += [
-            *_remark("these follow from the reducing outputs, and are monitored", "  "),
-            *_entries("vertical", [(each, "") for each in mobility.vertical], "", "  "),
-        ]
+        lines += _remark("these follow from the reducing outputs, and are monitored", "  ")
+        lines += _entries("vertical", [(each, "") for each in mobility.vertical], "", "  ")
     lines += _section(scenario, "task")
     if any(initial.values()):
         loops = any("loop_closure" in entry for entry, _ in mobility.constraints)

@@ -175,15 +175,10 @@ class WheelSearch:
         candidates = list(self._candidates())
         # A file without its package of meshes: two bodies that turn on and on about one axle are probably wheels.
         lost = set[int]().union(*at_start.without_mesh.values())
-        unseen = [
-            each
-            for each in candidates
-            if not (each.is_named or each.is_doubtful or each.turns_once or self._parts(each))
-            and self._model.getJointId(each.joint) in lost
-        ]
-        self.guessed = [
-            one.joint for one in unseen if any(one is not other and self._are_mates(one, other) for other in unseen)
-        ]
+        unseen = [each for each in candidates if self._model.getJointId(each.joint) in lost and not self._parts(each)]
+        unseen = [each for each in unseen if not (each.is_named or each.is_doubtful or each.turns_once)]
+        mates = (one for one, other in itertools.permutations(unseen, 2) if self._are_mates(one, other))
+        self.guessed = list(dict.fromkeys(each.joint for each in mates))
         candidates = [replace(each, is_named=each.is_named or each.joint in self.guessed) for each in candidates]
         self.virtual = self._virtual_joints([each for each in candidates if self._parts(each)])
         found, named = self._measured([each for each in candidates if each.joint not in self.virtual])
@@ -199,25 +194,17 @@ class WheelSearch:
         self.standing = [wheel for wheel in standing if wheel.joint not in carriers]
         in_plane = 3  # smallest number of wheels on the ground in the plane of a sprocket: fewer carry no track
         at_ground = {wheel.joint for wheel in self.standing}
-        self.raised = [
-            other
-            for other in found
-            if other.is_shaped
-            and other.joint not in at_ground
-            and sum(_are_in_plane(other, wheel) for wheel in self.standing) >= in_plane
-        ]
+        above = [each for each in found if each.is_shaped and each.joint not in at_ground]
+        self.raised = [each for each in above if sum(_are_in_plane(each, other) for other in self.standing) >= in_plane]
 
     @property
     def stands_below_body(self) -> bool:
         """True if wheels have shapes that reach below all other parts, as propellers and thrusters do not."""
         own = {self._model.getJointId(wheel.joint) for wheel in self.standing}
-        others = [shape.bottom for every in self._at_start.shapes.values() for shape in every if shape.joint not in own]
-        lowest = min(others, default=np.inf)
+        lowest = min((each.bottom for each in self._at_start.all_shapes if each.joint not in own), default=np.inf)
         # One that is lower is enough: a boat has none, and legs reach as low as wheels.
-        return any(
-            wheel.is_shaped and wheel.center[2] - wheel.radius < lowest - ALIGNED * wheel.radius
-            for wheel in self.standing
-        )
+        bottoms = [wheel.center[2] - (1 - ALIGNED) * wheel.radius for wheel in self.standing if wheel.is_shaped]
+        return min(bottoms, default=np.inf) < lowest
 
     # ------------------------------------------------------------------ joints about an axle
 
@@ -279,14 +266,12 @@ class WheelSearch:
     def _parts(self, wheel: Wheel) -> dict[str, list[Shape]]:
         """Shapes of a wheel and its rollers by their geometry, without geometry that has none."""
         behind = {self._model.getJointId(each) for each in (wheel.joint, *wheel.rollers)}
-        found = {
-            kind: [each for each in every if each.joint in behind] for kind, every in self._at_start.shapes.items()
-        }
-        return {kind: parts for kind, parts in found.items() if parts}
+        parts = [(kind, each) for kind in GEOMETRY for each in self._at_start.shapes[kind] if each.joint in behind]
+        return {kind: [each for other, each in parts if other == kind] for kind, _ in parts}
 
     def _virtual_joints(self, wheels: Sequence[Wheel]) -> list[str]:
         model = self._model
-        shaped = {shape.joint for every in self._at_start.shapes.values() for shape in every}
+        shaped = {each.joint for each in self._at_start.all_shapes}
         # A lost mesh is a shape, too: such a joint moves something that this computer does not have.
         shaped = shaped.union(*self._at_start.without_mesh.values())
         masses = (float(model.inertias[model.getJointId(each.joint)].mass) for each in wheels)
@@ -386,12 +371,9 @@ class WheelSearch:
     @cached_property
     def _floor(self) -> float | None:
         """Height of the base's footprint frame [m], or None."""
-        heights = [
-            float(self._data.oMf[index].translation[2])
-            for index, frame in enumerate(self._model.frames)
-            if frame.parentJoint <= self._at_start.root and has_word("footprint", frame.name)
-        ]
-        return min(heights, default=None)
+        of_base = [k for k, frame in enumerate(self._model.frames) if frame.parentJoint <= self._at_start.root]
+        footprints = [k for k in of_base if has_word("footprint", self._model.frames[k].name)]
+        return min((float(self._data.oMf[k].translation[2]) for k in footprints), default=None)
 
     def _on_the_ground(self, found: Sequence[Wheel]) -> list[Wheel]:
         """Wheels that touch the common ground, which the wheels with names tell, else the lowest shapes."""
@@ -468,7 +450,7 @@ class WheelSearch:
         # A hub that carries a rolling wheel has a disk at the ground, too.
         rolling = {int(each) for wheel in wheels for each in model.supports[model.getJointId(wheel.joint)]}
         found: dict[int, Wheel] = {}
-        for shape in (each for kind in GEOMETRY for each in self._at_start.shapes[kind]):
+        for shape in self._at_start.all_shapes:
             index = shape.joint
             if index in {*rolling, *found} or index <= self._at_start.root or model.joints[index].nv != 1:
                 continue

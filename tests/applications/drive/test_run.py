@@ -300,7 +300,7 @@ def test_a_bare_robot_is_drafted_and_driven(brief):
 
 def test_limits_that_gave_way_come_first_and_accelerations_are_counted():
     report = LimitReport(("a velocity", "b / c distance", "a acceleration"), {"b / c distance": 0.0123}, {})
-    status = DriveStatus(0.0, 1.0, GOALS, report, {"tip": 0.5}, "no frame 'x'")
+    status = DriveStatus(1.0, GOALS, report, {"tip": 0.5}, "no frame 'x'", {})
     assert status.limits == ["b / c distance: exceeded by 0.012", "a velocity", "acceleration of 1 motion"]
     assert status.messages == ["tip: 0.50 m from its goal", "refused: no frame 'x'"]
     assert status._replace(report=LimitReport((), {}, {}), distances={}, refused="").messages == []
