@@ -196,15 +196,8 @@ def drive(
     """
     started = time.perf_counter()
     experiment, settings = prepared.scenario.experiment, prepared.scenario.experiment.simulation
-    arguments = RunArguments(
-        experiment.reduced,
-        experiment.controller,
-        experiment.q0,
-        settings.dt,
-        samples or 0,
-        plant=experiment.plant,
-        options=prepared.scenario.options(),
-    )
+    given = experiment.reduced, experiment.controller, experiment.q0, settings.dt, samples or 0
+    arguments = RunArguments(*given, plant=experiment.plant, options=prepared.scenario.options())
     error: RncError | None = None
     with np.errstate(over="ignore", invalid="ignore"):  # values of diverged runs overflow
         run = SampledRun(arguments)
@@ -214,8 +207,8 @@ def drive(
             for sample in count():
                 if clock is not None:
                     clock.wait(run.time)
-                given = [] if queue is None else queue.take()
-                prepared.log.extend(commands.LoggedCommand(sample, command) for command in given)
+                new = [] if queue is None else queue.take()
+                prepared.log.extend(commands.LoggedCommand(sample, command) for command in new)
                 found = run.sample(progress)
                 if watcher is not None:
                     # Not in each sample: a status costs kinematics, and nobody reads a hundred in a second.
@@ -223,7 +216,7 @@ def drive(
                     due = found.time + _STATUS if is_due else due
                     watcher(found, _status(prepared, run, found, queue, clock) if is_due else None)
                 # Before the plant moves: the record ends at the sample of the command.
-                if any(isinstance(each, commands.EndRun) for each in given) or sample + 1 == samples:
+                if any(isinstance(each, commands.EndRun) for each in new) or sample + 1 == samples:
                     break
                 run.advance()
             return run.failure
@@ -249,11 +242,6 @@ def _status(
     position = reduced.at(sample.measurement.q).position
     names = [*controls.frames, *(() if controls.base is None else (controls.base.frame,))]
     places = {name: np.array(position.placement(reduced.robot.frame_id(name)).translation) for name in names}
-    return DriveStatus(
-        1.0 if clock is None else clock.factor,
-        state.goals,
-        prepared.controller.program.report(state.program),
-        goal_distances(controls, state.goals, places),
-        "" if queue is None else queue.refused,
-        places,
-    )
+    factor, refused = 1.0 if clock is None else clock.factor, "" if queue is None else queue.refused
+    report, distances = prepared.controller.program.report(state.program), goal_distances(controls, state.goals, places)
+    return DriveStatus(factor, state.goals, report, distances, refused, places)

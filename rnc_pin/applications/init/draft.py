@@ -62,8 +62,7 @@ class BaseEvidence:
         if wheels or (len(shapes) >= least and not axles):
             standing = [*wheels, *shapes]
             called = omnidirectional.wheels_called_omni(standing, at_start) if options.rollers is None else []
-            sliding = called if len(called) < len(standing) else []  # if all are called so, they are omni wheels
-            layout = classify_wheels(standing, drives, search.raised if wheels else (), sliding)
+            layout = classify_wheels(standing, drives, search.raised if wheels else (), called)
             if layout.steered and not (layout.fixed or layout.is_swerve or layout.is_turret):
                 # Drawn axles guide a base whose wheels only steer.
                 layout.fixed += (axle for axle in search.drawn_axles if axle.joint == at_start.root_joint)

@@ -231,18 +231,10 @@ class WheelSearch:
             # A slide has no axle; an upright one is a pivot; what does not turn round once does not roll.
             if np.linalg.norm(axle) < 0.5 or abs(axle[2]) > LEVEL or (once and travel < _ROUND):
                 continue
-            lever = self._data.oMi[index].rotation @ model.inertias[index].lever
-            yield Wheel(
-                joint,
-                frame,
-                center,
-                axle,
-                rollers=tuple(str(model.names[each]) for each in rollers),
-                imbalance=float(np.linalg.norm(across(lever, axle))),
-                is_named=named,
-                is_doubtful=not named and has_word(_NO_WHEEL, joint, frame),
-                turns_once=once,
-            )
+            lever = across(self._data.oMi[index].rotation @ model.inertias[index].lever, axle)
+            on_rim, doubtful = tuple(str(model.names[each]) for each in rollers), has_word(_NO_WHEEL, joint, frame)
+            found = Wheel(joint, frame, center, axle, rollers=on_rim, imbalance=float(np.linalg.norm(lever)))
+            yield replace(found, is_named=named, is_doubtful=doubtful and not named, turns_once=once)
 
     def _on_axle(self, joint: int, axle: np.ndarray) -> tuple[str, np.ndarray]:
         """Frame of a wheel and its position (3,): a link on the axle with a wheel's name, or the joint's body frame."""

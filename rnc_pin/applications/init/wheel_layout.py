@@ -203,7 +203,7 @@ def classify_wheels(
         wheels: wheels that stand on the ground.
         drives: evidence for which joints have a motor.
         raised: round bodies above the ground in the planes of several wheels.
-        sliding: wheels with rollers beside others without.
+        sliding: wheels that are called wheels with rollers: they slide if others on the base are called otherwise.
     """
     result = WheelLayout()
     on_base = [wheel for wheel in wheels if not wheel.pivots]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from statistics import median
 
 import numpy as np
@@ -60,15 +59,14 @@ def add_wheel_motors(result: BaseAssumptions, layout: WheelLayout, at_start: Rob
         return
     # A driver that is no wheel, such as a gear above, has its own entry among the joints.
     drivers = {joint: at_start.driver(joint) for joint in wheels if at_start.driver(joint) in wheels}
-    own = [joint for joint in wheels if drivers.get(joint, joint) == joint]
+    own, driven = [joint for joint in wheels if drivers.get(joint, joint) == joint], layout.driven
     # Two wheels on one motor are one input: two would fight each other.
-    motors = dict.fromkeys(drivers.get(joint, joint) for joint in layout.driven.joints)
-    driven = replace(layout.driven, joints=tuple(motors))
-    idle = [joint for joint in own if joint not in driven.joints]
-    result.actuators += [(joint, "") for joint in own if joint in driven.joints]
+    motors = list(dict.fromkeys(drivers.get(joint, joint) for joint in driven.joints))
+    idle = [joint for joint in own if joint not in motors]
+    result.actuators += [(joint, "") for joint in own if joint in motors]
     result.passive |= set(idle)
     others = [Alternative(few(idle), {"driven": idle})] if idle else []
-    result.decide("Which wheels are driven?", few(driven.joints), driven.confidence, driven.evidence, *others)
+    result.decide("Which wheels are driven?", few(motors), driven.confidence, driven.evidence, *others)
 
 
 def support_by_casters(result: BaseAssumptions, layout: WheelLayout) -> None:
