@@ -115,9 +115,18 @@ class BaseAssumptions:
             why: reason, in words.
         """
         named = list(dict.fromkeys(joints))
-        if named:
-            self.lock.update({joint: self.start.get(joint, 0.0) for joint in named})
-            self.notes.append(f"{why}: {', '.join(named)}")
+        self.lock.update({joint: self.start.get(joint, 0.0) for joint in named})
+        self.note(why, named)
+
+    def note(self, said: str, names: Sequence[str]) -> None:
+        """Add a note on joints or links, if there are any.
+
+        Args:
+            said: the note.
+            names: their names.
+        """
+        if names:
+            self.notes.append(f"{said}: {', '.join(names)}")
 
     def lock_carriers(self, wheels: Iterable[Wheel]) -> None:
         """Lock the joints that would lift wheels.
@@ -204,10 +213,9 @@ def measured(wheel: Wheel) -> str:
     Args:
         wheel: the wheel.
     """
-    if wheel.measured == "height":
-        return f"{UNMEASURED}, the value is the axle's height"
-    if wheel.measured == "inertia":
-        return f"{UNMEASURED}, the value fits its inertia as a solid disk"
+    guesses = {"height": "is the axle's height", "inertia": "fits its inertia as a solid disk"}
+    if wheel.measured in guesses:
+        return f"{UNMEASURED}, the value {guesses[wheel.measured]}"
     return f"radius from the {wheel.measured} geometry"
 
 
@@ -429,9 +437,8 @@ def assume_motors(mobility: BaseAssumptions, start: Collection[str], drives: Dri
         if mobility.travel or mobility.weightless:  # a loose joint without an effort is held
             undriven += [name for name in weak if name not in {*named, *of_base, *undriven}]
         mobility.passive |= mobility.without_effort
-        if named:
-            said = "effort 0 in the file, although they steer or it names their motors: driven without a limit, CHECK"
-            mobility.notes.append(f"{said}: {', '.join(named)}")
+        said = "effort 0 in the file, although they steer or it names their motors: driven without a limit, CHECK"
+        mobility.note(said, named)
     elif weak and not drives.is_complete:  # joints of an MJCF without an actuator have effort 0
         mobility.notes.append("the file states no effort: 0 for every joint, so that they are driven without a limit")
     return undriven

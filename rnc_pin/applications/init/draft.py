@@ -85,9 +85,8 @@ class BaseEvidence:
         for each in self.search.crossed:
             mobility.doubts.append((each, 0.0, f"the axis of joint {each} is across that of its drawn cylinder"))
         loose = {each: q for each, q in self.at_start.free_joints.items() if each != self.at_start.root_joint}
-        if loose:
-            mobility.lock.update(loose)
-            mobility.notes.append(f"locked, because nothing drives them: {', '.join(loose)}")
+        mobility.lock.update(loose)
+        mobility.note("locked, because nothing drives them", [*loose])
 
     def likely_bases(self) -> Iterator[Callable[[], BaseAssumptions]]:
         """Yield functions that return the assumptions of each kind of base that fits, the most likely first.

@@ -6,6 +6,7 @@ import itertools
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -239,8 +240,7 @@ class DriveEvidence:
         return [each for each in left if each in self.passive] if of_base else left
 
 
-@dataclass(frozen=True)
-class DrivenJoints:
+class DrivenJoints(NamedTuple):
     """Driven joints among several of one kind.
 
     Attributes:

@@ -319,8 +319,8 @@ def without_wheels(
     # The file's own planar joints answer the question; what a user asked for is none.
     if asked is None and not (base == "fixed" and at_start.own_planar_joints):
         words = {"fixed": "it is bolted down", "planar": "it moves over the ground", "free": "it floats or flies"}
-        possible = [each for each in words if each != base and not (each == "fixed" and at_start.is_rigid)]
-        others = [Alternative(words[each], {"base": each}) for each in possible]
+        without = {base, "fixed"} if at_start.is_rigid else {base}
+        others = [Alternative(words[each], {"base": each}) for each in words if each not in without]
         result.decide("How does the base move, without wheels that roll?", words[base], sure, why, *others)
     return _doubting_wheels(result, at_start)
 
@@ -369,8 +369,7 @@ def _called_wheels(at_start: RobotAtStart) -> list[str]:
 def _doubting_wheels(result: BaseAssumptions, at_start: RobotAtStart) -> BaseAssumptions:
     """Add a note on links with a wheel's name that do not roll."""
     if named := _called_wheels(at_start):
-        said = "links that are called wheels or tracks do not roll on the ground as they are read"
-        result.notes.append(f"{said}: {few(named)}")
+        result.note("links that are called wheels or tracks do not roll on the ground as they are read", [few(named)])
     return result
 
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal, TypeAlias
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -145,8 +145,7 @@ def _points(item: pin.GeometryObject) -> tuple[np.ndarray, float] | None:
     return None  # planes and height fields have no size of their own
 
 
-@dataclass(frozen=True)
-class Disk:
+class Disk(NamedTuple):
     """Disk about an axle.
 
     Attributes:

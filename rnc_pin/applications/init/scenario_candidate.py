@@ -94,12 +94,10 @@ class ScenarioCandidate:
         against = [str(each[0]) for each in mobility.actuators if each in self.candidates.joints]
         idle = [name for name in self.start if name in mobility.without_effort and name not in against]
         why = "no actuator in the file" if self.source.is_mjcf else "effort 0 in the file"
-        if idle:
-            mobility.notes.append(f"{why}, so that nothing drives them: {', '.join(idle)}")
+        mobility.note(f"{why}, so that nothing drives them", idle)
         findings = model_findings(self.system, mobility, chosen.entries, against)
-        loaded = "gravity loads the robot, and it learns this load slowly"
-        is_slow = not mobility.weightless and self.start and start_values.is_loaded(self.robot, self.q0, self.start)
-        failures = [loaded] if is_slow else []
+        is_loaded = not mobility.weightless and self.start and start_values.is_loaded(self.robot, self.q0, self.start)
+        failures = ["gravity loads the robot, and it learns this load slowly"] if is_loaded else []
         best: tuple[str, Trial] | None = None
         for controller, dt, remark in self._controllers(is_loaded=bool(failures)):
             # A second period serves controllers that fail with the first. Of an adaptive one that runs, learning is the

@@ -78,9 +78,10 @@ class Trial:
     @property
     def words(self) -> str:
         """Summary for the remark in the draft."""
-        share = f", with {100 * self.share:.0f} % of the usual motion" if self.share < 1.0 else ""
-        kept = ", which keeps the velocities and efforts of the file" if share else ""
-        tried = f"tried for {self.duration:.3g} s{share}{kept}"
+        tried = f"tried for {self.duration:.3g} s"
+        if self.share < 1.0:
+            share = f"{100 * self.share:.0f} % of the usual motion"
+            tried += f", with {share}, which keeps the velocities and efforts of the file"
         if not self.output:
             return tried
         return (

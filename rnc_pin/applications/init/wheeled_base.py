@@ -100,7 +100,7 @@ def planar(at_start: RobotAtStart, kind: str, wheels: list[Wheel]) -> BaseAssump
         result.base = "fixed"
         result.passive |= set(at_start.own_planar_joints)
         said = "the file's own joints let the base move over the ground, its wheels drive it"
-        result.notes.append(f"{said}: {', '.join(at_start.own_planar_joints)}")
+        result.note(said, at_start.own_planar_joints)
     elif at_start.is_urdf and at_start.has_free_joint:
         result.lock[at_start.root_joint] = at_start.free_joints[at_start.root_joint]
         result.notes.append(f"a planar base replaces the file's own {at_start.root_joint}")
@@ -122,9 +122,8 @@ def planar_on_wheels(layout: WheelLayout, at_start: RobotAtStart, kind: str) -> 
     result = planar(at_start, kind, layout.wheels)
     # A planar base keeps its height, so a suspension would take wheels off their rows.
     result.lock_carriers(layout.wheels)
-    if drawn := [wheel.frame for wheel in layout.wheels if wheel.edge is not None]:
-        said = "no joint turns these wheels about their axles, so that they are knife edges"
-        result.notes.append(f"{said}: {few(drawn)}")
+    drawn = [wheel.frame for wheel in layout.wheels if wheel.edge is not None]
+    result.note("no joint turns these wheels about their axles, so that they are knife edges", drawn)
     # A ball slides where it does not roll, so it has no row, and its joint about one axis is only a drawing.
     result.hold([wheel.joint for wheel in layout.balls], "ball casters slide, so that they are locked and only drawn")
     result.passive |= {dolly for dolly in layout.dollies if not at_start.drives.says(dolly)}
