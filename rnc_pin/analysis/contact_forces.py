@@ -289,11 +289,9 @@ class Grip(SummaryMixin):
         # A contact that needs a force and carries nothing uses infinite friction; one that needs none uses zero.
         shares = np.divide(even, allowed, out=np.where(even > small, np.inf, 0.0), where=allowed > 0)
         batch = shares.shape[:-1]
-        arrays = (q, rows, contact_forces, normal_forces, shares)
-        ends = (each.shape[len(each.shape) - order :] for each, order in zip(arrays, (1, 2, 1, 1, 1), strict=True))
-        many = (np.broadcast_to(each, (*batch, *end)) for each, end in zip(arrays, ends, strict=True))
-        count = int(np.prod(batch))
-        q, rows, contact_forces, normal_forces, shares = (a.reshape(count, *a.shape[len(batch) :]) for a in many)
+        arrays, count = (q, rows, contact_forces, normal_forces, shares), int(np.prod(batch))
+        flat = (each.reshape(count, *each.shape[len(batch) :]) for each in arrays)
+        q, rows, contact_forces, normal_forces, shares = flat
         free = self._set.free(q, rows)
         forces, shares = self._set.known(contact_forces, normal_forces), shares.copy()
         column = np.cumsum(self._set.gripping) - 1

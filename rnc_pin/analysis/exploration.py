@@ -211,8 +211,10 @@ class _Set:
     Args:
         rows: places of the outputs among all candidates (k,).
         D: motions of all candidates at the samples (S, all, r2).
+        names: names of all candidates.
 
     Attributes:
+        names: names of these outputs (k,).
         D: motions of these outputs (S, k, r2).
         values: singular values of D.
         rank: usual rank.
@@ -220,17 +222,14 @@ class _Set:
         moved: mask of the outputs that move (k,).
     """
 
-    def __init__(self, rows: tuple[int, ...], D: Array) -> None:
-        self.rows, self.D = rows, D[:, list(rows)]
+    def __init__(self, rows: tuple[int, ...], D: Array, names: Sequence[str]) -> None:
+        self.rows, self.D, self.names = rows, D[:, list(rows)], tuple(names[row] for row in rows)
         self.values = np.linalg.svd(self.D, compute_uv=False)
         # One scale for all candidates: an output that hardly moves beside the others does not move.
         scale = max(float(np.abs(D).max(initial=0.0)), 1e-300)
         ranks = (self.values > _RANK * scale).sum(axis=1)
         self.rank, self.full = int(np.median(ranks)), bool((ranks == len(rows)).mean() > _USUAL)
         self.moved = largest_entries(self.D) > _ZERO * scale
-
-    def names(self, names: Sequence[str]) -> tuple[str, ...]:
-        return tuple(names[row] for row in self.rows)
 
 
 class _Exploring:
@@ -306,11 +305,11 @@ class _Exploring:
 
     def _sets(self) -> tuple[list[_Set], int]:
         """Groups of outputs, then unions of groups whose parts all have full rank; and the number of untried unions."""
-        found = [_Set(group, self._D) for group in self._groups]
+        found = [_Set(group, self._D, self._names) for group in self._groups]
         level: list[tuple[int, ...]]
         # Actuated joints and redundant coordinates are offered one by one only.
         own = {*self._reduced.actuation.names, *self._redundant_names} if self._by_default else set()
-        single = [each.rows for each in found if each.full and not own.issuperset(each.names(self._names))]
+        single = [each.rows for each in found if each.full and not own.issuperset(each.names)]
         known = {frozenset(group) for group in self._groups}
         level, tried, untried = [(k,) for k in range(len(single))], 0, 0
         most_sets = 300  # the number of unions grows exponentially with the candidates
@@ -327,7 +326,7 @@ class _Exploring:
                     untried += 1
                     continue
                 tried += 1
-                if (union := _Set(rows, self._D)).full:
+                if (union := _Set(rows, self._D, self._names)).full:
                     larger.append(members)
                     found.append(union)
             level = larger
@@ -338,7 +337,7 @@ class _Exploring:
         rows, count, moved = list(each.rows), len(each.rows), int(each.moved.sum())
         every = np.ones(count, dtype=bool)
         if self._conserved[rows].any():
-            fixed = [name for name, row in zip(each.names(self._names), rows, strict=True) if self._conserved[row]]
+            fixed = [name for name, row in zip(each.names, rows, strict=True) if self._conserved[row]]
             return None, ~every, f"no motion of the robot changes {short_names(fixed)}"
         if each.full:
             return "1", every, ""
@@ -352,8 +351,8 @@ class _Exploring:
             ranks = [np.linalg.matrix_rank(J[rows] @ closure, precision) for J, closure in self._closures]
             if ranks and float(np.median(ranks)) == count:  # brackets of the motions move outputs in all directions
                 return "3", every, "not directly"
-        still = f"{each.rank} of {counted(count, 'direction')} of {short_names(each.names(self._names))} can be moved"
-        return None, ~every, still if moved else f"{short_names(each.names(self._names))} cannot be moved"
+        still = f"{each.rank} of {counted(count, 'direction')} of {short_names(each.names)} can be moved"
+        return None, ~every, still if moved else f"{short_names(each.names)} cannot be moved"
 
     def _steered(self, rows: Sequence[int]) -> Array:
         """Mask of the outputs whose rates the values of the redundant coordinates steer; none if not all at will."""
@@ -442,7 +441,7 @@ class _Exploring:
         worst = int(np.argmin(last))
         weak_part = 0.05  # of the median singular value below which a sample counts as singular
         weak = float((last < weak_part * np.median(last)).mean()) if each.rank else 0.0
-        names, (actuators, effort) = each.names(self._names), self._work(each)
+        names, (actuators, effort) = each.names, self._work(each)
         ends = self._q[[worst, int(np.argmax(last))]]
         ends.setflags(write=False)
         moved = tuple(name for name, moves in zip(names, mask, strict=True) if moves)

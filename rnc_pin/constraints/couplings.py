@@ -182,18 +182,15 @@ class _ClosureRows(RelativeRows):
         back = a.rotation.mT
         apart, turned = apply(back, b.translation - a.translation), back @ b.rotation
         # The logarithm is the twist that closes the loop in unit time: a Newton step for the projection.
-        return apart if self._point else over_states(_log6, (6,), turned.reshape(*at.q.shape[:-1], 9), apart)
+        if self._point:
+            return apart
+        return over_states(lambda point, rotation: pin.log6(pin.SE3(rotation, point)).vector, (6,), apart, turned)
 
     def lines_of_action(self, at: PositionKinematics) -> None:
         return None
 
     def mechanisms(self) -> tuple[FrameAnchor]:
         return (FrameAnchor(self._frames, (self._a.offset, self._b.offset), self._point),)
-
-
-def _log6(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
-    logarithm: np.ndarray = pin.log6(pin.SE3(rotation.reshape(3, 3), translation)).vector
-    return logarithm
 
 
 @dataclass(frozen=True)

@@ -160,12 +160,12 @@ class _WorldMomentumRows(_MomentumRows):
 
     def _to_world(self, at: PositionKinematics) -> np.ndarray:
         place = at.joint_placement(self._joint)
-        block = (len(self._along),) * 2
-        return over_states(self._action, block, place.rotation.reshape(*at.q.shape[:-1], 9), place.translation)
 
-    def _action(self, rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
-        # Momenta are dual vectors: the dual action carries them from the body to the fixed axes.
-        return (self._fixed * pin.SE3(rotation.reshape(3, 3), translation)).toDualActionMatrix()[self._block]
+        def action(translation: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+            # Momenta are dual vectors: the dual action carries them from the body to the fixed axes.
+            return (self._fixed * pin.SE3(rotation, translation)).toDualActionMatrix()[self._block]
+
+        return over_states(action, (len(self._along),) * 2, place.translation, place.rotation)
 
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
         return self._to_world(at) @ super().jacobian(at)

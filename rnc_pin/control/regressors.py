@@ -391,45 +391,8 @@ class MomentumRegressor:
         if np.linalg.cond(known) > 1e10:
             raise ConfigurationError(f"no body of known mass turns with joint '{base}'")
 
-    def inertia(self, index: int, value: float) -> pin.Inertia:
-        """Return the inertia of an unknown body for a value of its parameter.
-
-        Args:
-            index: number of the body among the unknown ones.
-            value: value of its parameter, in its unit.
-        """
-        return pin.Inertia.FromDynamicParameters(value * self._unit[index])
-
     def regress(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return ``x1dot - W0`` (k,) and W (k, s), the paper's form of y and Y.
-
-        Args:
-            q: measured configuration.
-            v: measured velocity.
-        """
-        W0, W = self.predict(q, v)
-        return v[self.rows] - W0, W
-
-    def estimated(self, reduced: ReducedModel) -> EstimatedModel:
-        """Return models whose unknown bodies have the estimated masses.
-
-        Args:
-            reduced: the model with the true masses.
-        """
-        return EstimatedModel(reduced, partial(self._copy, reduced))
-
-    def _copy(self, reduced: ReducedModel) -> ParametrizedCopy:
-        """Copy of the model with unit masses. No row holds a mass."""
-        model = reduced.robot.model.copy()
-        self._set_parameters(model, np.ones(len(self.names)))
-        return ParametrizedCopy(model, reduced.all_constraints, partial(self._set_parameters, model))
-
-    def _set_parameters(self, model: pin.Model, p: np.ndarray) -> None:
-        for index, (joint, value) in enumerate(zip(self.joints, p, strict=True)):
-            model.inertias[joint] = self.inertia(index, float(value))
-
-    def predict(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return W0 (k,) and W (k, s) at the measured q (nq,) and v (nv,).
 
         Args:
             q: measured configuration.
@@ -448,4 +411,22 @@ class MomentumRegressor:
         others[rows] = 0.0
         columns[0] = A.dot(others)
         solved = np.linalg.solve(A[:, rows], columns.T)
-        return -solved[:, 0], -solved[:, 1:]
+        return v[rows] + solved[:, 0], -solved[:, 1:]
+
+    def estimated(self, reduced: ReducedModel) -> EstimatedModel:
+        """Return models whose unknown bodies have the estimated masses.
+
+        Args:
+            reduced: the model with the true masses.
+        """
+        return EstimatedModel(reduced, partial(self._copy, reduced))
+
+    def _copy(self, reduced: ReducedModel) -> ParametrizedCopy:
+        """Copy of the model with unit masses. No row holds a mass."""
+        model = reduced.robot.model.copy()
+        self._set_parameters(model, np.ones(len(self.names)))
+        return ParametrizedCopy(model, reduced.all_constraints, partial(self._set_parameters, model))
+
+    def _set_parameters(self, model: pin.Model, p: np.ndarray) -> None:
+        for joint, value, unit in zip(self.joints, p, self._unit, strict=True):
+            model.inertias[joint] = pin.Inertia.FromDynamicParameters(float(value) * unit)

@@ -508,7 +508,7 @@ def over_states(function: Callable[..., object], shape: tuple[int, ...], *arrays
     Args:
         function: function of single states.
         shape: shape of its result.
-        arrays: arrays (..., size) of the arguments.
+        arrays: arrays (..., size) of the arguments; after the first one also matrices (..., n, k).
     """
     batch = arrays[0].shape[:-1]
     if not batch:

@@ -182,7 +182,7 @@ class ControlLoop(ReprMixin):
             return self._fallback_input(v)
         try:
             q, v_valid, motion = self._validated(t, q, v)
-        except InvalidMeasurementError as problem:
+        except InputError as problem:
             return self._reject(t, str(problem), v)
         # The estimate goes on even if the controller fails at this sample.
         self.state = self.state._replace(motion=motion)
@@ -281,27 +281,27 @@ class ControlLoop(ReprMixin):
         Its cost does not depend on the values.
 
         Raises:
-            InvalidMeasurementError: the measurement is invalid.
+            InputError: the measurement is invalid; the message has the reason.
         """
         before, largest = self.state, self.settings.max_speed
         if not is_number(t):
-            raise InvalidMeasurementError(f"time is {t!r}, expected a finite number")
+            raise InputError(f"time is {t!r}, expected a finite number")
         elapsed = None if before.time is None else t - before.time
         # The observer and the speed of q divide by this time.
         if elapsed is not None and elapsed <= 0:
-            raise InvalidMeasurementError(f"time stands still or runs backwards: {t:g} s after {before.time:g} s")
+            raise InputError(f"time stands still or runs backwards: {t:g} s after {before.time:g} s")
         model = self.reduced.robot.model
         given = _numbers("q", q, model.nq)
         unit: Array = pin.normalize(model, given)
         # Rounded pairs and quaternions are normalized. Zeros or angles in their place are an error of a sensor.
         unit_tolerance = 0.1
         if not np.abs(unit - given).max(initial=0.0) < unit_tolerance:
-            raise InvalidMeasurementError("q holds a (cos, sin) pair or a quaternion that is not of unit length")
+            raise InputError("q holds a (cos, sin) pair or a quaternion that is not of unit length")
         if elapsed is not None and before.q is not None:
             # A jump is an error of a sensor: the observer would make a velocity of it, and the controller a force.
             speed = np.abs(pin.difference(model, before.q, unit)).max(initial=0.0) / elapsed
             if not speed < largest:
-                raise InvalidMeasurementError(
+                raise InputError(
                     f"q jumped: {speed:.3g} rad/s or m/s from the last one, expected less than {largest:g}"
                 )
         if self._observer is not None:
@@ -311,11 +311,11 @@ class ControlLoop(ReprMixin):
                 motion = self._observer.step(before.motion, unit, elapsed)
             return unit, motion.v, motion
         if v is None:
-            raise InvalidMeasurementError("v is missing: measure it, or use velocity='observer'")
+            raise InputError("v is missing: measure it, or use velocity='observer'")
         v = _numbers("v", v, model.nv)
         speed = np.abs(v).max(initial=0.0)
         if not speed < largest:
-            raise InvalidMeasurementError(f"v reaches {speed:.3g} rad/s or m/s, expected less than {largest:g}")
+            raise InputError(f"v reaches {speed:.3g} rad/s or m/s, expected less than {largest:g}")
         return unit, v, None
 
     # ------------------------------------------------------------------ safe command
@@ -468,19 +468,15 @@ class VelocityObserver:
         return VelocityEstimate(pin.integrate(self._model, expected, (1.0 - theta**3) * miss), v, acceleration)
 
 
-class InvalidMeasurementError(Exception):
-    """Invalid measurement; the message has the reason."""
-
-
 def _numbers(name: str, value: ArrayLike, size: int) -> Array:
     try:
         numbers = numbers_of(value, name)
     except InputError:
-        raise InvalidMeasurementError(f"{name} is not made of numbers") from None
+        raise InputError(f"{name} is not made of numbers") from None
     if numbers.shape != (size,):
-        raise InvalidMeasurementError(f"{name} has shape {numbers.shape}, expected ({size},)")
+        raise InputError(f"{name} has shape {numbers.shape}, expected ({size},)")
     if not isfinite(sum(numbers.tolist())):  # the sum of finite numbers may be too large
         wrong = np.flatnonzero(~np.isfinite(numbers))
         if len(wrong):
-            raise InvalidMeasurementError(f"{name}[{int(wrong[0])}] is not finite")
+            raise InputError(f"{name}[{int(wrong[0])}] is not finite")
     return numbers
