@@ -106,6 +106,8 @@ class _MomentumRows(Rows):
         value: value of the momentum, zero by default.
     """
 
+    _bits = 0  # set for the world's axes: the kernel finds the axes from the bits, and its formula from their being set
+
     def __init__(
         self, joint: str, rows: slice, units: tuple[str, ...], along: Sequence[int], value: np.ndarray | None = None
     ) -> None:
@@ -143,8 +145,9 @@ class _MomentumRows(Rows):
         return np.broadcast_to(self._value, (*at.q.shape[:-1], len(self._value)))
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
-        first, size = self._rows.start, len(self._value)
-        return [KernelRow(Form.MOMENTUM, (), (first, k, 0, size), (), mu) for k, mu in enumerate(self._value.tolist())]
+        first, bits, size = self._rows.start, self._bits, len(self._value)
+        values = enumerate(self._value.tolist())
+        return [KernelRow(Form.MOMENTUM, (), (first, k, bits, size), (), mu) for k, mu in values]
 
 
 class _WorldMomentumRows(_MomentumRows):
@@ -157,6 +160,7 @@ class _WorldMomentumRows(_MomentumRows):
         self._joint = robot.joint_id(joint)
         self._fixed = robot.model.jointPlacements[self._joint].inverse()
         self._block = np.ix_(along, along)
+        self._bits = sum(1 << each for each in along)
 
     def _to_world(self, at: PositionKinematics) -> np.ndarray:
         place = at.joint_placement(self._joint)
@@ -186,14 +190,8 @@ class _WorldMomentumRows(_MomentumRows):
         return self._to_world(at) @ gradient
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
-        # The kernel finds the axes again from these bits, and its formula from their being set.
-        bits, numbers = sum(1 << each for each in self._along), placement_numbers(self._fixed)
-        rows = super().kernel_rows(model)
-        return [
-            row._replace(integers=(first, k, bits, size), numbers=numbers, joint=self._joint)
-            for row in rows
-            for first, k, _, size in [row.integers]
-        ]
+        numbers = placement_numbers(self._fixed)
+        return [row._replace(numbers=numbers, joint=self._joint) for row in super().kernel_rows(model)]
 
 
 def _check_symmetry(robot: Robot, joint: str, rows: slice) -> None:
