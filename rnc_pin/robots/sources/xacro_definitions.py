@@ -297,7 +297,7 @@ class Substitution:
             self._chosen(text)
         xacro = self._xacro()
         own = {name: xacro[name] for name in ("load_yaml", "abs_filename")}
-        self.symbols = expressions.builtins() | own | {"xacro": Namespace("xacro", xacro)}
+        self.symbols = {**expressions.BUILTINS, **own, "xacro": Namespace("xacro", xacro)}
         self._commands: dict[str, Callable[..., str]] = {
             "arg": arguments.text,
             "dirname": lambda: str(self.files[-1].parent.resolve()),
@@ -308,7 +308,7 @@ class Substitution:
         # Names of $(eval ...): its arg() gives numbers, and not their text.
         calls = {name: Function(run) for name, run in self._commands.items()} | {"arg": Function(arguments.__getitem__)}
         kinds = {name: self.symbols[name] for name in ("list", "dict", "str", "float", "int")}
-        self._eval_names = expressions.mathematical() | kinds | {"true": True, "false": False} | calls
+        self._eval_names = {**expressions.MATHEMATICAL, **kinds, "true": True, "false": False, **calls}
 
     def value(self, text: str, names: Mapping[str, Value]) -> Value:
         """Return a text with all substitutions; a text of a single expression keeps its type.
@@ -430,13 +430,12 @@ def _fail(*words: Value) -> Value:
 
 def _unit_loader(budget: expressions.Budget) -> type[BoundedLoader]:
     """Safe YAML loader with support for units, whose expressions spend the budget of one file."""
-    names = expressions.builtins()
 
     class Loader(BoundedLoader):
         """YAML loader with constructors of its own: yaml keeps them in the class."""
 
     def read(factor: float, loader: BoundedLoader, node: yaml.ScalarNode) -> float:
-        return float(expressions.evaluate(str(loader.construct_scalar(node)), names, budget)) * factor
+        return float(expressions.evaluate(str(loader.construct_scalar(node)), expressions.BUILTINS, budget)) * factor
 
     units = {"radians": 1.0, "degrees": math.pi / 180.0, "meters": 1.0, "millimeters": 0.001, "foot": 0.3048}
     for unit, factor in {**units, "inches": 0.0254}.items():

@@ -11,6 +11,7 @@ import ast
 import math
 import operator
 import re
+from collections import ChainMap
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -37,11 +38,9 @@ class Function:
 
     Attributes:
         run: implementation; it refuses arguments that would take too long.
-        cost: steps of each call, in addition to those for its arguments.
     """
 
     run: Callable[..., Value]
-    cost: int = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,27 +187,63 @@ _METHODS: Mapping[type, Mapping[str, Callable[..., Value]]] = {
 }
 
 
-def builtins() -> dict[str, Value]:
-    """Predefined names of ``${...}``; a new dictionary for each file."""
-    python: dict[str, Value] = {name: Function(run) for name, run in _FUNCTIONS.items()}
-    mathematics = mathematical()
-    spaces = {"math": Namespace("math", mathematics), "python": Namespace("python", python)}
-    global_names = ("list", "dict", "len", "str", "float", "int", "bool", "min", "max", "round", "sorted", "range")
-    return mathematics | {name: python[name] for name in global_names} | spaces
+MATHEMATICAL: Mapping[str, Value] = {
+    "e": math.e,
+    "inf": math.inf,
+    "nan": math.nan,
+    "pi": math.pi,
+    "tau": math.tau,
+    **{name: Function(getattr(math, name)) for name in _MATH},
+}
+"""Functions and constants of ``math``, without functions whose result has no bounded length."""
 
+_PYTHON = {name: Function(run) for name, run in _FUNCTIONS.items()}
+_GLOBAL = ("list", "dict", "len", "str", "float", "int", "bool", "min", "max", "round", "sorted", "range")
 
-def mathematical() -> dict[str, Value]:
-    """Functions and constants of ``math``, without functions whose result has no bounded length."""
-    constants = {"e": math.e, "inf": math.inf, "nan": math.nan, "pi": math.pi, "tau": math.tau}
-    return constants | {name: Function(getattr(math, name)) for name in _MATH}
+BUILTINS: Mapping[str, Value] = {
+    **MATHEMATICAL,
+    **{name: _PYTHON[name] for name in _GLOBAL},
+    "math": Namespace("math", MATHEMATICAL),
+    "python": Namespace("python", _PYTHON),
+}
+"""Predefined names of ``${...}``."""
 
 
 # ---------------------------------------------------------------------- evaluation of the syntax tree
 
 
+class _Refusal(ModelError):
+    """Error for an expression that could do more than compute a value."""
+
+
+_MORE = "it could do more than compute a value"
+_FAULTS = (ArithmeticError, AttributeError, LookupError, MemoryError, NameError, RecursionError, TypeError, ValueError)
+
+
+# Sizes are checked before they are computed: 9**9**9 would fill the memory.
+def _power(base: Value, exponent: Value) -> Value:
+    if isinstance(base, int) and isinstance(exponent, int) and base.bit_length() * exponent > BITS:
+        raise _Refusal(f"a power of more than {BITS} bits")
+    return base**exponent
+
+
+def _product(left: Value, right: Value) -> Value:
+    for one, times in ((left, right), (right, left)):
+        if isinstance(one, str | list | tuple) and isinstance(times, int) and admit(one) * times > ITEMS:
+            raise _Refusal(f"a list of more than {ITEMS:,} items, or a text of that size")
+    return left * right
+
+
+def _modulo(left: Value, right: Value) -> Value:
+    # Each field of a text can hold the whole value.
+    if isinstance(left, str) and (re.search(r"\*|\d{6}", left) or left.count("%") * admit(right) > ITEMS):
+        raise _Refusal("text fields of unbounded width")
+    return left % right
+
+
 _OPERATORS: Mapping[type[ast.AST], Callable[..., Value]] = {
-    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
-    ast.FloorDiv: operator.floordiv, ast.Mod: operator.mod, ast.Pow: operator.pow,
+    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: _product, ast.Div: operator.truediv,
+    ast.FloorDiv: operator.floordiv, ast.Mod: _modulo, ast.Pow: _power,
     ast.UAdd: operator.pos, ast.USub: operator.neg, ast.Not: operator.not_,
     ast.Eq: operator.eq, ast.NotEq: operator.ne, ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt,
     ast.GtE: operator.ge, ast.Is: operator.is_, ast.IsNot: operator.is_not,
@@ -236,30 +271,21 @@ def evaluate(text: str, names: Mapping[str, Value], budget: Budget | None = None
     except (SyntaxError, ValueError, MemoryError, RecursionError):
         raise ModelError(f"'{shown}' is not an expression") from None
     try:
-        return _Evaluation(names, budget or Budget(), {}).value(tree.body)
+        return _Evaluation(names, budget or Budget()).value(tree.body)
     except _Refusal as refusal:
         raise ModelError(f"refuses to evaluate '{shown}': {refusal}") from None
-    except ModelError as error:
-        raise ModelError(f"cannot evaluate '{shown}': {error}") from None
-    except RecursionError:
-        raise ModelError(f"cannot evaluate '{shown}': too deep") from None
-    except (ArithmeticError, AttributeError, LookupError, MemoryError, NameError, TypeError, ValueError) as error:
-        words = f"no key {error}" if isinstance(error, KeyError) else str(error) or type(error).__name__
-        raise ModelError(f"cannot evaluate '{shown}': {words}") from None
-
-
-class _Refusal(ModelError):
-    """Error for an expression that could do more than compute a value."""
-
-    def __init__(self, words: str = "it could do more than compute a value") -> None:
-        super().__init__(words)
+    except KeyError as error:
+        raise ModelError(f"cannot evaluate '{shown}': no key {error}") from None
+    except (ModelError, *_FAULTS) as error:
+        raise ModelError(f"cannot evaluate '{shown}': {str(error) or type(error).__name__}") from None
 
 
 class _Evaluation:
-    """Evaluation of one expression, or of a comprehension in it, which has names of its own in ``local``."""
+    """Evaluation of one expression, or of a comprehension in it."""
 
-    def __init__(self, names: Mapping[str, Value], budget: Budget, local: dict[str, Value]) -> None:
-        self._names, self._budget, self._local = names, budget, local
+    def __init__(self, names: Mapping[str, Value], budget: Budget) -> None:
+        # Names of a comprehension end with it, as in Python.
+        self._names, self._budget = ChainMap(dict[str, Value](), names), budget  # type: ignore[arg-type]
 
     def value(self, node: ast.expr) -> Value:
         """Return the value of a node."""
@@ -279,7 +305,7 @@ class _Evaluation:
             case ast.UnaryOp() if type(node.op) in _OPERATORS:
                 return self._made(_OPERATORS[type(node.op)](self.value(node.operand)))
             case ast.BinOp() if type(node.op) in _OPERATORS:
-                return self._binary(node.op, self.value(node.left), self.value(node.right))
+                return self._made(_OPERATORS[type(node.op)](self.value(node.left), self.value(node.right)))
             case ast.BoolOp():
                 return self._boolean(node)
             case ast.Compare():
@@ -293,11 +319,10 @@ class _Evaluation:
             case ast.Call():
                 return self._called(node)
             case ast.ListComp():
-                # Names of a comprehension end with it, as in Python.
-                inner = _Evaluation(self._names, self._budget, dict(self._local))
+                inner = _Evaluation(self._names, self._budget)
                 return self._made(list(inner._each(node.elt, node.generators)))
         # This is a list of what is allowed, not of what is refused: a new kind of node in Python stays refused.
-        raise _Refusal
+        raise _Refusal(_MORE)
 
     def _made(self, value: Value) -> Value:
         """Return a new value after the check of its size."""
@@ -305,25 +330,10 @@ class _Evaluation:
         return value
 
     def _named(self, name: str) -> Value:
-        if name in self._local:
-            return self._local[name]
         if name not in self._names:
             close = closest(name, map(str, self._names))
             raise ModelError(f"name '{name}' is not defined" + (f"; did you mean '{close}'?" if close else ""))
         return self._names[name]
-
-    def _binary(self, kind: ast.operator, left: Value, right: Value) -> Value:
-        # Sizes are checked before they are computed: 9**9**9 would fill the memory.
-        if isinstance(kind, ast.Pow) and isinstance(left, int) and isinstance(right, int):
-            if left.bit_length() * right > BITS:
-                raise _Refusal(f"a power of more than {BITS} bits")
-        elif isinstance(kind, ast.Mult):
-            _check_repetition(left, right)
-        elif isinstance(kind, ast.Mod) and isinstance(left, str):
-            if re.search(r"\*|\d{6}", left):
-                raise _Refusal("a text field of unbounded width")
-            self._budget.spend(left.count("%") * admit(right))
-        return self._made(_OPERATORS[type(kind)](left, right))
 
     def _boolean(self, node: ast.BoolOp) -> Value:
         result: Value = None
@@ -358,7 +368,8 @@ class _Evaluation:
             if isinstance(owner, Namespace):
                 return owner.member(name)
             if name in _METHODS.get(type(owner), ()):
-                return Function(partial(_METHODS[type(owner)][name], owner), cost=admit(owner))
+                self._budget.spend(admit(owner))
+                return Function(partial(_METHODS[type(owner)][name], owner))
             if isinstance(owner, dict) and name in owner:
                 return owner[name]
             if isinstance(owner, dict):
@@ -373,13 +384,13 @@ class _Evaluation:
         for keyword in node.keywords:
             # ** takes names from a value that this evaluator has not seen.
             if keyword.arg is None:
-                raise _Refusal
+                raise _Refusal(_MORE)
             named[keyword.arg] = self.value(keyword.value)
         given = (*arguments, *named.values())
         # A function as an argument, e.g. a key of sorted(), would be called without being counted.
         if any(isinstance(each, Function) for each in given):
             raise _Refusal("a function as an argument")
-        self._budget.spend(sum(map(admit, given)) + function.cost)
+        self._budget.spend(1 + sum(map(admit, given)))
         return self._made(function.run(*arguments, **named))
 
     def _each(self, element: ast.expr, generators: list[ast.comprehension]) -> Iterator[Value]:
@@ -397,19 +408,9 @@ class _Evaluation:
 
     def _assign(self, target: ast.expr, value: Value) -> None:
         if isinstance(target, ast.Name) and not target.id.startswith("__"):
-            self._local[target.id] = value
+            self._names[target.id] = value
         elif isinstance(target, ast.Tuple | ast.List):
             for part, item in zip(target.elts, value, strict=True):
                 self._assign(part, item)
         else:
-            raise _Refusal
-
-
-def _check_repetition(left: Value, right: Value) -> None:
-    for one, times in ((left, right), (right, left)):
-        if not isinstance(times, int):
-            continue
-        if isinstance(one, str) and len(one) * times > LETTERS:
-            raise _Refusal(f"a text of more than {LETTERS:,} characters")
-        if isinstance(one, list | tuple) and admit(one) * times > ITEMS:
-            raise _Refusal(f"a list of more than {ITEMS:,} items")
+            raise _Refusal(_MORE)

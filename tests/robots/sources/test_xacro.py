@@ -18,7 +18,7 @@ from rnc_pin.robots.robot_files import Packages
 from rnc_pin.robots.sources.urdf import CHILDREN
 from rnc_pin.robots.sources.xacro import expand
 from rnc_pin.robots.sources.xacro_definitions import parameters_of
-from rnc_pin.robots.sources.xacro_expressions import admit, builtins, evaluate
+from rnc_pin.robots.sources.xacro_expressions import BUILTINS, admit, evaluate
 from urdf_parts import XACRO
 
 
@@ -208,7 +208,7 @@ def test_an_expression_computes_or_is_refused_at_once(expression):
     said = ""
     with ending_within(5):
         try:
-            admit(evaluate(expression, builtins()))
+            admit(evaluate(expression, BUILTINS))
         except rnc.ModelError as error:
             said = str(error)
     assert len(said) < 300
@@ -318,4 +318,4 @@ def test_an_error_names_the_file_and_the_line_that_it_is_in(part, call, words, t
     ("sorted([3, 1], reverse=True)", [3, 1]),
 ])  # fmt: skip
 def test_values_inside_are_those_of_the_file(expression, value):
-    assert evaluate(expression, builtins() | {"a": {"b": {"c": [1, 2]}}, "x": 2, "name": "arm"}) == value
+    assert evaluate(expression, {**BUILTINS, "a": {"b": {"c": [1, 2]}}, "x": 2, "name": "arm"}) == value
