@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import re
 import stat
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache, lru_cache
 from itertools import islice
 from pathlib import Path
@@ -38,14 +38,12 @@ def find_urdf(path: str | Path, beside: Path | None = None) -> Path:
     """
     path = Path(path).expanduser()
     # A user's own file comes before a shipped one of the same name.
-    candidates = [path] if path.is_absolute() else [(beside or Path()) / path, shipped_directory() / path]
-    for candidate in candidates:
+    for candidate in ((beside or Path()) / path, shipped_directory() / path):
         if os.path.isfile(candidate):
             return candidate.resolve()
-    if path.is_absolute():
-        raise ModelError(f"no URDF file '{path}'")
     shipped = sorted(each.stem for each in shipped_directory().glob("*.urdf"))
-    raise ModelError(f"no URDF file '{path}'{nearest(path.stem, shipped, '.urdf')}")
+    hint = "" if path.is_absolute() else nearest(path.stem, shipped, ".urdf")
+    raise ModelError(f"no URDF file '{path}'{hint}")
 
 
 def find_shipped(path: str, beside: Path) -> Path:
@@ -138,63 +136,6 @@ _DATA = (
 """Customary names of folders beside the folder of a description without a package."""
 
 
-class AllowedFolders:
-    """Folders whose files a description may name.
-
-    These are its own folder, its ROS package, and the added folders. A description without a package may also use
-    folders beside its own with customary names, such as ``../meshes``.
-
-    Args:
-        beside: folder of the description.
-        given: folders that the user allows.
-    """
-
-    def __init__(self, beside: Path, given: Iterable[Path] = ()) -> None:
-        own, *above = folders_above(beside.resolve())
-        self._folders = [own, *(folder.resolve() for folder in given)]
-        package = next((folder for folder in (own, *above) if package_name(folder) is not None), None)
-        if package is not None:
-            self._folders.append(package)
-        # Nothing tells where a project without a package ends: beside it, only folders of customary names count.
-        elif above:
-            self._folders += [above[0] / name for name in _DATA]
-
-    @property
-    def folders(self) -> tuple[Path, ...]:
-        """Absolute paths without symbolic links."""
-        return tuple(dict.fromkeys(self._folders))
-
-    def add(self, path: Path) -> None:
-        """Allow an additional folder, or a single file.
-
-        Args:
-            path: folder or file.
-        """
-        self._folders.append(path.resolve())
-
-    def has(self, file: Path) -> bool:
-        """True if a description may name this file.
-
-        Args:
-            file: any path.
-        """
-        return is_below(file, self._folders)
-
-    def admit(self, file: Path, what: str) -> Path:
-        """Return the absolute path of a file, without symbolic links.
-
-        Args:
-            file: path as in the description.
-            what: name of the file in messages.
-
-        Raises:
-            ModelError: the file is in none of the folders.
-        """
-        if not self.has(file):
-            raise ModelError(f"{what} is outside the folders of the description: {REMEDY}")
-        return file.resolve()
-
-
 def is_below(file: Path, folders: Iterable[Path]) -> bool:
     """True if a file is in one of these folders or below, after symbolic links are resolved.
 
@@ -249,23 +190,20 @@ def package_name(folder: Path) -> str | None:
     return (root.findtext("name") or "").strip() if root.tag == "package" else None
 
 
-# ---------------------------------------------------------------------- packages
-
-
-_FOUND = re.compile(r"(?:file://)?\$\(find\s+([^\s()]+)\s*\)/*")
-
-
 def package_uri(name: str) -> str:
     """Return ``package://name/path`` for a file name ``$(find name)/path``, as xacro has it; others do not change.
 
     Args:
         name: name of a file in a description.
     """
-    return _FOUND.sub(r"package://\1/", name, count=1) if _FOUND.match(name) else name
+    return re.sub(r"^(?:file://)?\$\(find\s+([^\s()]+)\s*\)/*", r"package://\1/", name)
 
 
-class Packages(AllowedFolders):
-    """Search for ROS packages by name, and the folders whose files the description may name.
+class Packages:
+    """Folders whose files a description may name, and search for ROS packages by name.
+
+    A description may name files in its own folder, its ROS package, and the given folders. Without a package it may
+    also use folders beside its own with customary names, such as ``../meshes``.
 
     The search order is: the given folders (a folder of packages, or a package itself), the environment variables
     ``ROS_PACKAGE_PATH`` and ``AMENT_PREFIX_PATH``, then the file's own folder and those above (``folders_above``). A
@@ -273,34 +211,53 @@ class Packages(AllowedFolders):
     these, only a folder with a ``package.xml`` is allowed as a whole.
 
     Args:
-        beside: folder of the file that names packages.
+        beside: folder of the description.
         given: folders given by the user.
+
+    Attributes:
+        found: name to folder of each package that was requested and found.
     """
 
     def __init__(self, beside: Path, given: Iterable[str | Path] = ()) -> None:
         self._beside = beside.resolve()
         self._given = [Path(folder).expanduser().resolve() for folder in given]
-        self._found: dict[str, Path] = {}
+        self.found: dict[str, Path] = {}
         self._known: dict[str, list[Path]] = {}  # candidates by name: a robot has dozens of meshes in one package
-        super().__init__(self._beside, self._given)
+        own, *above = folders_above(self._beside)
+        self._allowed = [own, *self._given]
+        package = next((folder for folder in (own, *above) if package_name(folder) is not None), None)
+        if package is not None:
+            self._allowed.append(package)
+        # Nothing tells where a project without a package ends: beside it, only folders of customary names count.
+        elif above:
+            self._allowed += [above[0] / name for name in _DATA]
 
-    def candidates(self, name: str) -> Iterator[Path]:
-        """Yield the folders that can be this package, the most likely first.
+    @property
+    def folders(self) -> tuple[Path, ...]:
+        """Folders whose files the description may name: absolute paths without symbolic links."""
+        return tuple(dict.fromkeys(self._allowed))
+
+    def allow(self, path: Path) -> None:
+        """Allow an additional folder, or a single file.
 
         Args:
-            name: name of the package.
+            path: folder or file.
         """
-        # A package with a path as its name would lead out of the allowed folders.
-        if name in ("", "..") or Path(name).name != name:
-            return
-        for folder in self._given:
-            yield from _at(folder, name)
-        prefixes = (prefix / "share" for prefix in _environment("AMENT_PREFIX_PATH"))
-        for folder in (*_environment("ROS_PACKAGE_PATH"), *prefixes):
-            for package in _at(folder, name):
-                self.add(package)
-                yield package
-        yield from self._near(name)
+        self._allowed.append(path.resolve())
+
+    def admit(self, file: Path, what: str) -> Path:
+        """Return the absolute path of a file, without symbolic links.
+
+        Args:
+            file: path as in the description.
+            what: name of the file in messages.
+
+        Raises:
+            ModelError: the file is in none of the folders.
+        """
+        if not is_below(file, self._allowed):
+            raise ModelError(f"{what} is outside the folders of the description: {REMEDY}")
+        return file.resolve()
 
     def folder(self, name: str) -> Path | None:
         """Return the folder of a package, or None.
@@ -308,31 +265,38 @@ class Packages(AllowedFolders):
         Args:
             name: name of the package.
         """
-        return self._recorded(name, self.candidates(name))
-
-    @property
-    def found(self) -> Mapping[str, Path]:
-        """Name to folder of each package that was requested and found."""
-        return dict(self._found)
+        return self._recorded(name, self._candidates(name))
 
     @property
     def far(self) -> Mapping[str, Path]:
         """Those of ``found`` that a search only in the folders above the file does not find, or finds elsewhere."""
-        return {name: folder for name, folder in self._found.items() if next(self._near(name), None) != folder}
+        return {name: folder for name, folder in self.found.items() if next(self._near(name), None) != folder}
+
+    def _candidates(self, name: str) -> list[Path]:
+        """Folders that can be this package, the most likely first."""
+        # A package with a path as its name would lead out of the allowed folders.
+        if name in ("", "..") or Path(name).name != name:
+            return []
+        if name not in self._known:
+            prefixes = [prefix / "share" for prefix in _environment("AMENT_PREFIX_PATH")]
+            places = [*_environment("ROS_PACKAGE_PATH"), *prefixes]
+            own, others = ([each for folder in some for each in _at(folder, name)] for some in (self._given, places))
+            self._allowed += [each.resolve() for each in others]
+            self._known[name] = [*own, *others, *self._near(name)]
+        return self._known[name]
 
     def _near(self, name: str) -> Iterator[Path]:
         for folder in folders_above(self._beside):
             for package in _at(folder, name):
                 # A link to a folder elsewhere would otherwise open that folder by its own package.xml.
                 if package_name(package) is not None and package.resolve().is_relative_to(folder):
-                    self.add(package)
+                    self.allow(package)
                 yield package
 
-    def _recorded(self, name: str, candidates: Iterable[Path]) -> Path | None:
-        folder = next(iter(candidates), None)
-        if folder is not None:
-            self._found.setdefault(name, folder)
-        return folder
+    def _recorded(self, name: str, candidates: Sequence[Path]) -> Path | None:
+        if candidates:
+            self.found.setdefault(name, candidates[0])
+        return next(iter(candidates), None)
 
     def file(self, uri: str) -> Path | None:
         """Return the file of ``package://name/path``, ``file://path`` or a relative path, or None.
@@ -346,12 +310,10 @@ class Packages(AllowedFolders):
         scheme, separator, rest = uri.partition("://")
         if separator and scheme in ("package", "model"):
             name, _, inside = rest.partition("/")
-            if name not in self._known:
-                self._known[name] = list(self.candidates(name))
-            candidates = self._known[name]
+            candidates = self._candidates(name)
             having = [each for each in candidates if os.path.isfile(each / inside)]
             # A stable sort: allowed folders first, each group in the order of the search.
-            having.sort(key=lambda each: not self.has(each / inside))
+            having.sort(key=lambda each: not is_below(each / inside, self._allowed))
             self._recorded(name, [*having, *candidates])
             return self.admit(having[0] / inside, f"file '{uri}'") if having else None
         # http and other schemes are never fetched.

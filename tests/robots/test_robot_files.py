@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.robots.robot_files import AllowedFolders, Packages, folders_above, package_name
+from rnc_pin.robots.robot_files import Packages, folders_above, package_name
 from urdf_parts import TETRAHEDRON, XACRO, inertial, write
 
 REFUSED = r"outside the folders of the description: give its folder in package_dirs \(--package-dir\)"
@@ -249,7 +249,7 @@ def test_the_nearest_allowed_file_of_a_package_is_taken(tmp_path):
 
 def test_rings_of_links_and_impossible_names_are_in_no_folder(tmp_path):
     (tmp_path / "ring").symlink_to(tmp_path / "ring")
-    allowed = AllowedFolders(tmp_path)
+    allowed = Packages(tmp_path)
     for name in ("ring", "a\0b", "../x", "/"):
         with pytest.raises(rnc.ModelError, match=REFUSED):
             allowed.admit(tmp_path / name, f"file '{name}'")

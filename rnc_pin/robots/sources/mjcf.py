@@ -43,7 +43,7 @@ def read_mjcf(
     """
     if base is not None:
         check_known(base, description.ROOT_JOINTS, "base", ModelError)
-    allowed = robot_files.AllowedFolders(path.parent, package_dirs)
+    allowed = robot_files.Packages(path.parent, package_dirs)
     root = read_with_includes(path, allowed)
     name = root.get("model") or path.stem
     # Before the document is reduced, because that drops what is not read.
@@ -201,7 +201,7 @@ _COUNTS = {  # numbers per attribute
 }  # fmt: skip
 
 
-def read_with_includes(path: Path, allowed: robot_files.AllowedFolders) -> ElementTree.Element:
+def read_with_includes(path: Path, allowed: robot_files.Packages) -> ElementTree.Element:
     """Return a file with its included files, in which each asset names an allowed file by its absolute path.
 
     Args:
@@ -219,7 +219,7 @@ def read_with_includes(path: Path, allowed: robot_files.AllowedFolders) -> Eleme
     return root
 
 
-def _include(parent: ElementTree.Element, path: Path, allowed: robot_files.AllowedFolders, seen: set[Path]) -> None:
+def _include(parent: ElementTree.Element, path: Path, allowed: robot_files.Packages, seen: set[Path]) -> None:
     # From the end: replacing an element moves only those behind it.
     for index, element in reversed(list(enumerate(parent))):
         if element.tag != "include":
@@ -236,7 +236,7 @@ def _include(parent: ElementTree.Element, path: Path, allowed: robot_files.Allow
         parent[index : index + 1] = list(inner)
 
 
-def _resolve_assets(root: ElementTree.Element, path: Path, allowed: robot_files.AllowedFolders) -> None:
+def _resolve_assets(root: ElementTree.Element, path: Path, allowed: robot_files.Packages) -> None:
     folders, stripped = {"mesh": "", "texture": ""}, False
     for compiler in root.findall("compiler"):
         # Later <compiler> elements overrule earlier ones, and meshdir overrules assetdir, as in MuJoCo.
@@ -255,7 +255,7 @@ def _resolve_assets(root: ElementTree.Element, path: Path, allowed: robot_files.
             asset.set("file", str(_own_file(place, path, allowed, f'<{asset.tag} file="{name}">')))
 
 
-def _own_file(file: Path, path: Path, allowed: robot_files.AllowedFolders, where: str) -> Path:
+def _own_file(file: Path, path: Path, allowed: robot_files.Packages, where: str) -> Path:
     with ModelError.at(path):
         found = allowed.admit(file, where)
     if not os.path.isfile(found):

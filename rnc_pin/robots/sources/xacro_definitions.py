@@ -395,7 +395,7 @@ class Substitution:
         """Allow the file that the user names in an argument or variable. A folder is not allowed in this way."""
         path = Path(text)
         if path.is_absolute() and os.path.isfile(path):
-            self._packages.add(path)
+            self._packages.allow(path)
         return text
 
     def _xacro(self) -> dict[str, Value]:
