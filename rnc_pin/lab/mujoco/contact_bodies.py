@@ -146,7 +146,7 @@ def common_plane(blocks: Sequence[Rows]) -> GroundPlane:
     Raises:
         ConfigurationError: a ground that is curved, moves or is carried by a frame, or several planes.
     """
-    found: dict[str, GroundPlane] = {}
+    first: tuple[str, GroundPlane] | None = None
     tolerance = 1e-9  # distance [m] and difference of normals up to which planes are the same
     for block in blocks:
         ground = block.ground
@@ -159,16 +159,15 @@ def common_plane(blocks: Sequence[Rows]) -> GroundPlane:
                 f"MuJoCo: {block.names[0]} rolls on a {type(ground).__name__} {what}; the plant has only a plane at "
                 "rest, use the plant 'reduced'"
             )
-        for name, other in found.items():
-            if max(abs(plane.height(each)) for each in other.axes[:2] + other.point) > tolerance or (
-                plane.axes[2] @ other.axes[2] < 1.0 - tolerance
-            ):
-                raise ConfigurationError(
-                    f"MuJoCo: {name} and {block.names[0]} roll on different planes; the plant has only one, use the "
-                    "plant 'reduced'"
-                )
-        found[block.names[0]] = plane
-    return next(iter(found.values()), GroundPlane())
+        first = first or (block.names[0], plane)
+        name, other = first
+        off = max(abs(plane.height(each)) for each in other.axes[:2] + other.point)
+        if off > tolerance or plane.axes[2] @ other.axes[2] < 1.0 - tolerance:
+            raise ConfigurationError(
+                f"MuJoCo: {name} and {block.names[0]} roll on different planes; the plant has only one, use the plant "
+                "'reduced'"
+            )
+    return first[1] if first else GroundPlane()
 
 
 def contact_bodies(robot: Robot, blocks: Sequence[Rows]) -> list[ContactBody]:
@@ -254,22 +253,17 @@ def on_one_plane(
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, q)
     up = plane.axes[2]
-    low = {each.name: plane.height(each.at(data.oMi[each.joint], up)[1]) for each in contacts if not each.blade}
-    ground = min(list(low.values()) or [plane.height(each.at(data.oMi[each.joint], up)[0]) for each in contacts])
+    low = {each.name: plane.height(each.at(data.oMi[each.joint], up)[1]) for each in contacts}
+    ground = min([low[each.name] for each in contacts if not each.blade] or low.values())
     found = []
     point_radius = 1e-3  # of the ball that models a contact point [m]
     for each in contacts:
-        placement = data.oMi[each.joint]
-        each = replace(each, up=placement.rotation.T @ up)
-        if each.blade:
-            center, _ = each.at(placement, up)
-            found.append(replace(each, radius=plane.height(center) - ground))
-            continue
-        if not each.radius:  # the ball is above its contact point for any orientation of the frame
+        each = replace(each, up=data.oMi[each.joint].rotation.T @ up)
+        if not each.radius and not each.blade:  # the ball is above its contact point for any orientation of the frame
             each = replace(each, radius=point_radius, center=each.center + point_radius * each.up)
         gap = low[each.name] - ground
-        # More than rounding of a file: the wheel does not touch, and may not be made larger.
-        if gap > 0.01 * each.radius:
+        # More than rounding of a file: the wheel does not touch, and may not be made larger. A blade reaches down.
+        if gap > 0.01 * each.radius and not each.blade:
             raise ConfigurationError(
                 f"MuJoCo: wheel '{each.name}' is {gap:.3g} m above the ground plane of the other wheels"
             )

@@ -294,15 +294,13 @@ class ActuatorMapping:
         self._drives = _drives(reduced, contacts, up)
         self._groups = self._assigned(q)
         """Columns of B with the drives that reproduce them."""
-        self._used = sorted({drive for _, drives in self._groups for drive in drives})
         wheeled = [column for columns, _ in self._groups for column in columns]
         self.wheel_driven = tuple(self._actuation.names[column] for column in wheeled)
         self._direct = np.setdiff1d(np.arange(reduced.p), wheeled)
-        fixed = self._actuation.constant
-        if fixed is None and set(wheeled) == self._actuation.configured:
-            # The other actuators act on joints.
-            fixed = self._actuation.matrix(self._kinematics.position(q)) if wheeled else None
-        self._constant = None if fixed is None else fixed[:, self._direct].copy()
+        # The actuators that wheels do not replace act on joints then.
+        only_joints = bool(wheeled) and set(wheeled) == self._actuation.configured
+        is_fixed = only_joints or self._actuation.constant is not None
+        self._constant = self._matrix(q) if is_fixed else None
 
     def wheel_forces(self, q: np.ndarray, T: np.ndarray) -> tuple[np.ndarray, dict[str, float]]:
         """Return the wheel forces of inputs: generalized forces (nv,), and forces of drawn wheels by name [N].
@@ -314,7 +312,7 @@ class ActuatorMapping:
         force, drawn = np.zeros(self._robot.nv), defaultdict[str, float](float)
         if not self._groups:
             return force, drawn
-        of_inputs, of_drives = self._effects(q, self._used)
+        of_inputs, of_drives = self._effects(q)
         for columns, drives in self._groups:
             wanted = of_inputs[:, columns] @ T[columns]
             torques = np.linalg.lstsq(of_drives[:, drives], wanted, rcond=_RANK_TOLERANCE)[0]
@@ -338,22 +336,20 @@ class ActuatorMapping:
             q: configuration (nq,).
             T: inputs (p,).
         """
-        matrix = self._constant
-        if matrix is None:
-            matrix = self._actuation.matrix(self._kinematics.position(q))[:, self._direct]
-        return matrix @ T[self._direct]
+        return (self._matrix(q) if self._constant is None else self._constant) @ T[self._direct]
+
+    def _matrix(self, q: np.ndarray) -> np.ndarray:
+        return self._actuation.matrix(self._kinematics.position(q))[:, self._direct]
 
     # ------------------------------------------------------------------ which wheels
 
-    def _effects(self, q: np.ndarray, used: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-        """Effects on admissible motion of unit inputs (r, p), and of unit torques of drives (r, k), else zero."""
+    def _effects(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Effects on admissible motion of unit inputs (r, p), and of unit torques of drives (r, k)."""
         at = self._kinematics.position(q)
         # Only the effect on admissible motion counts: the rest of a force is carried by the constraints.
         basis = null_space(self._rows.jacobian(at), _RANK_TOLERANCE).T
         pin.computeJointJacobians(self._robot.model, self._data, q)
-        forces = np.zeros((self._robot.nv, len(self._drives)))
-        for drive in used:
-            forces[:, drive] = self._drives[drive].effect(self._robot, self._data)
+        forces = np.column_stack([drive.effect(self._robot, self._data) for drive in self._drives])
         return basis @ self._actuation.matrix(at), basis @ forces
 
     def _assigned(self, q: np.ndarray) -> list[tuple[list[int], list[int]]]:
@@ -362,14 +358,13 @@ class ActuatorMapping:
         generator, model = np.random.default_rng(0), self._robot.model
         count = 3  # configurations near q: wheels that reproduce an input at all of them do so on the way
         moved = [0.3 * generator.uniform(-1, 1, self._robot.nv) for _ in range(count - 1)]
-        everything = range(len(self._drives))
-        samples = [self._effects(each, everything) for each in (q, *(pin.integrate(model, q, step) for step in moved))]
+        samples = [self._effects(each) for each in (q, *(pin.integrate(model, q, step) for step in moved))]
         groups: dict[tuple[int, ...], list[int]] = {}
         for column, frame, _ in self._actuation.frames:
             body = model.frames[frame].parentJoint
             same = tuple(k for k, drive in enumerate(self._drives) if self._carrying_joint(drive) == body)
             # The own wheels of the body first: a motor on a body drives these.
-            for drives in (same, tuple(everything)):
+            for drives in (same, tuple(range(len(self._drives)))):
                 if drives and all(_reproduces(each[:, column], other[:, drives]) for each, other in samples):
                     groups.setdefault(drives, []).append(column)
                     break
