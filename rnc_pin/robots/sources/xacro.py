@@ -64,13 +64,16 @@ class _Expander:
         path: path of the file.
         substitution: its arguments, and the files that it may name.
         known: see ``expand``.
+
+    Attributes:
+        fault: file and line of the error of ``expand``, in brackets after a blank; empty if they are unknown.
     """
 
     def __init__(self, path: Path, substitution: Substitution, known: Mapping[str, Collection[str]]) -> None:
         self._path, self._known, self._substitution = path, known, substitution
         self._value, self._arguments = substitution.value, substitution.arguments
         self._called: list[Macro] = []
-        self._fault = path, 0
+        self.fault = ""
         self._elements: Mapping[str, Callable[[Element, Element, Scope], None]] = {
             "arg": self._arg,
             "if": self._condition,
@@ -81,16 +84,9 @@ class _Expander:
             "unless": self._condition,
         }
 
-    @property
-    def fault(self) -> str:
-        """File and line of the error of ``expand``, in brackets after a blank; empty if they are unknown."""
-        file, line = self._fault
-        words = [*([] if file == self._path else [f"in {file}"]), *([f"line {line}"] if line else [])]
-        return f" ({', '.join(words)})" if words else ""
-
     def expand(self) -> Element:
         """Return the root element of the expanded file."""
-        return self._copy(definitions.read_document(self._path), Scope(self._substitution.symbols, self._value))
+        return self._copy(definitions.read_document(self._path), Scope(self._substitution.symbols, resolve=self._value))
 
     def _text(self, text: str, scope: Scope) -> str:
         return str(self._value(text, scope))
@@ -111,8 +107,9 @@ class _Expander:
             try:
                 self._add(child, target, scope)
             except ModelError:
-                if self._fault == (self._path, 0) and isinstance(child, PlacedElement) and child.line:
-                    self._fault = child.file, child.line  # the innermost element is the nearest to the error
+                if not self.fault and isinstance(child, PlacedElement):  # the innermost element is nearest to the error
+                    file = "" if child.file == self._path else f"in {child.file}, "
+                    self.fault = f" ({file}line {child.line})"
                 raise
 
     def _add(self, child: Element, target: Element, scope: Scope) -> None:
@@ -153,10 +150,7 @@ class _Expander:
         if many is not None:
             self._inside(many, target, scope)
         elif one is not None:
-            # The block itself is inserted, so it has to be the child of what is expanded.
-            holder = Element("block")
-            holder.append(one)
-            self._inside(holder, target, scope)
+            self._add(one, target, scope)
         else:
             raise ModelError(f"no block '{name}'")
 
@@ -224,15 +218,15 @@ class _Expander:
         self._inside(call, given, scope)
         # As in xacro, elements of a call are expanded before the macro runs, in the caller's scope.
         blocks = list(given)
-        for parameter in [each for each in missing.values() if each.name.startswith("*")]:
-            if not blocks:
-                raise ModelError(f"too few blocks for <{call.tag}>: {parameter.name.strip('*')} is missing")
-            block = blocks.pop(0)
+        names = [name for name in missing if name.startswith("*")]
+        if len(blocks) < len(names):
+            raise ModelError(f"too few blocks for <{call.tag}>: {names[len(blocks)].strip('*')} is missing")
+        if len(blocks) > len(names):
+            raise ModelError(f"too many blocks for <{call.tag}>: <{blocks[len(names)].tag}> is not used")
+        for name, block in zip(names, blocks, strict=True):
             block.tail = None
-            inner.blocks[parameter.name] = block
-            del missing[parameter.name]
-        if blocks:
-            raise ModelError(f"too many blocks for <{call.tag}>: <{blocks[0].tag}> is not used")
+            inner.blocks[name] = block
+            del missing[name]
 
     def _default(self, parameter: Parameter, scope: Scope) -> Value:
         if parameter.forwarded and parameter.name in scope:
@@ -258,7 +252,7 @@ class _Expander:
             source = definitions.read_document(path)
         except ModelError:
             if os.path.isfile(path):  # a missing file is a fault of the file that includes it
-                self._fault = path, 0
+                self.fault = f" (in {path})"
             raise
         self._inside(source, target, inner)
         self._substitution.files.pop()

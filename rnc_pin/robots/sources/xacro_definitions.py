@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import partial
 from pathlib import Path
+from typing import TypeAlias
 from xml.etree.ElementTree import Element, ParseError
 
 import yaml
@@ -120,11 +121,14 @@ class _Unresolved:
     scope: Scope
 
 
+Resolve: TypeAlias = "Callable[[str, Scope], Value]"
+
+
 class Scope(ChainMap[str, Value]):
     """Properties of one macro, namespace or file, before those of its parents and the predefined symbols.
 
     Args:
-        symbols: symbols that are predefined for every file.
+        maps: properties of the scopes around it, and last the symbols that are predefined for every file.
         resolve: function that evaluates the text of a property on first access.
         parent: scope around it; None for the scope of the whole file.
         namespace: True for the scope of a file that was included with a name.
@@ -135,17 +139,12 @@ class Scope(ChainMap[str, Value]):
     """
 
     def __init__(
-        self,
-        symbols: MutableMapping[str, Value],
-        resolve: Callable[[str, Scope], Value],
-        parent: Scope | None = None,
-        *,
-        namespace: bool = False,
+        self, *maps: MutableMapping[str, Value], resolve: Resolve, parent: Scope | None = None, namespace: bool = False
     ) -> None:
-        super().__init__({}, *([symbols] if parent is None else parent.maps))
+        super().__init__({}, *maps)
         self.blocks: ChainMap[str, Element] = ChainMap() if parent is None else parent.blocks.new_child()
         self.macros: ChainMap[str, Macro] = ChainMap() if parent is None or namespace else parent.macros.new_child()
-        self._symbols, self._resolve, self._parent, self._namespace = symbols, resolve, parent, namespace
+        self._resolve, self._parent, self._namespace = resolve, parent, namespace
         self._pending: list[_Unresolved] = [] if parent is None else parent._pending
 
     def inner(self, *, namespace: bool = False) -> Scope:
@@ -154,7 +153,7 @@ class Scope(ChainMap[str, Value]):
         Args:
             namespace: True for the scope of a file that was included with a name.
         """
-        return Scope(self._symbols, self._resolve, self, namespace=namespace)
+        return Scope(*self.maps, resolve=self._resolve, parent=self, namespace=namespace)
 
     def __getitem__(self, name: str) -> Value:
         value = super().__getitem__(name)
@@ -267,12 +266,9 @@ class Arguments(UserDict[str, Value]):
         return str(self.data[name])
 
     def __getitem__(self, name: str) -> Value:
-        # As roslaunch converts arguments, which differs from properties: in any case of letters, and without quotes.
+        # As roslaunch converts arguments, which differs from properties: in any case of letters, and with quotes.
         text = self.text(name)
-        for kind in (int, float) if "." not in text else (float,):
-            with suppress(ValueError):
-                return kind(text)
-        return {"true": True, "false": False}.get(text.lower(), text)
+        return text if text.startswith("'") else literal(text.lower() if text.lower() in ("true", "false") else text)
 
 
 class Substitution:
