@@ -83,7 +83,6 @@ class Description:
         mimics: mimic joints of the file.
         bodies: links of a URDF, which can be given masses.
         packages: name to folder of the packages that the file names and that were found.
-        far_packages: ``packages`` that were found only by the environment or the given folders.
         folders: folders whose files the description may name, absolute and without symbolic links.
         closures: kinematic loops of an MJCF.
         references: values of the joints of an MJCF in the configuration that the file draws, its ``ref`` [rad or m].
@@ -95,7 +94,6 @@ class Description:
     mimics: tuple[Mimic, ...] = ()
     bodies: Mapping[str, Body] = field(default_factory=dict)
     packages: Mapping[str, Path] = field(default_factory=dict)
-    far_packages: Mapping[str, Path] = field(default_factory=dict)
     folders: tuple[Path, ...] = ()
     closures: tuple[Closure, ...] = ()
     references: Mapping[str, float] = field(default_factory=dict)
@@ -225,20 +223,19 @@ def check_numbers(text: str | None, counts: tuple[int, ...], what: str) -> np.nd
     return numbers
 
 
-def check_not_negative(values: Mapping[str, float | None], owner: str, prefix: str = "") -> None:
+def check_not_negative(values: Mapping[str, float | None], owner: str) -> None:
     """Raise an error if a quantity that has no sign is negative.
 
     Args:
         values: quantity to value; None if the file does not give it.
         owner: joint or link, for the message.
-        prefix: start of the message.
 
     Raises:
         ModelError: a value is negative.
     """
     for quantity, value in values.items():
         if value is not None and value < 0:
-            raise ModelError(f"{prefix}{quantity} of {owner} is negative: {value:g}")
+            raise ModelError(f"{quantity} of {owner} is negative: {value:g}")
 
 
 def check_acceleration(gravity: object) -> np.ndarray:

@@ -308,8 +308,6 @@ def read_stl(content: bytes) -> Mesh:
 
 
 _MAX_NODES = 100_000  # visited nodes; each instance counts
-_MAX_DEPTH = 100  # Python's own limit of nested calls is 1000
-_TOO_MANY_NODES = f"nodes are more than {_MAX_DEPTH} deep, or more than {_MAX_NODES:,}"
 
 
 def read_collada(content: bytes) -> Mesh:
@@ -372,8 +370,9 @@ class _ColladaScene:
         """
         # Nodes can be instances of nodes, which double from level to level or never end.
         self._visited += 1
-        if self._visited > _MAX_NODES or depth > _MAX_DEPTH:
-            raise ModelError(_TOO_MANY_NODES)
+        deepest = 100  # Python's own limit of nested calls is 1000
+        if self._visited > _MAX_NODES or depth > deepest:
+            raise ModelError(f"nodes are more than {deepest} deep, or more than {_MAX_NODES:,}")
         transforms = ("matrix", "translate", "scale", "rotate", "lookat", "skew")
         for part in node:
             if part.tag in transforms:

@@ -47,19 +47,20 @@ def read_mjcf(
     root = read_with_includes(path, allowed)
     name = root.get("model") or path.stem
     # Before the document is reduced, because that drops what is not read.
-    ignored = unread(root)
-    reduce_document(root, path)
-    notes = snap_mjcf(root) if snap else []
-    assets = MeshAssets(root, path)
-    # By MuJoCo itself: defaults, frames, replicas and inertias from shapes then mean what they mean there.
-    compiled = compile_document(root, path, assets)
-    try:
-        built = ModelBuilder(compiled, name, base)
-    except ModelError as error:
-        raise ModelError(f"{path}: {error}") from None
-    except Exception as error:  # Boost.Python raises any type of C++ exception
-        raise ModelError(f"{path}: {description.brief(error)}") from None
-    mark_passive_joints(compiled, built)
+    ignored, driven = unread(root), driven_joints(root)
+    with ModelError.at(path):
+        reduce_document(root)
+        notes = snap_mjcf(root) if snap else []
+        assets = MeshAssets(root)
+        # By MuJoCo itself: defaults, frames, replicas and inertias from shapes then mean what they mean there.
+        compiled = compile_document(root, assets)
+        try:
+            built = ModelBuilder(compiled, name, base)
+        except ModelError:
+            raise
+        except Exception as error:  # Boost.Python raises any type of C++ exception
+            raise ModelError(description.brief(error)) from None
+        mark_passive_joints(compiled, built, driven)
     coupled, nonlinear = mimics(compiled, built)
     if ignored | nonlinear:
         notes.append(f"{', '.join(sorted(ignored | nonlinear))} is left out of the model: add constraints for it")
@@ -67,7 +68,7 @@ def read_mjcf(
         warn(f"{path.name}: {note}")
     return description.Description(
         built.model,
-        MjcfGeometry(compiled, built, assets),
+        MjcfGeometry(compiled, built, assets, path),
         mimics=coupled,
         folders=allowed.folders,
         closures=tuple(closures(compiled, built)),
@@ -93,7 +94,27 @@ def unread(root: ElementTree.Element) -> set[str]:
     return {f"<equality><{tag}>" for tag in active if tag not in read} | tendons
 
 
-def mark_passive_joints(compiled: mujoco.MjModel, built: ModelBuilder) -> None:
+def driven_joints(root: ElementTree.Element) -> set[str]:
+    """Names of the joints that actuators of a file drive; none if one acts along a spatial tendon.
+
+    Args:
+        root: root element of the file.
+    """
+    tendons = {each.get("name", ""): each for each in root.findall("tendon/*")}
+    found: set[str] = set()
+    for actuator in root.findall("actuator/*"):
+        found |= {actuator.attrib[key] for key in ("joint", "jointinparent") if key in actuator.attrib}
+        name = actuator.get("tendon")
+        if name in tendons and tendons[name].tag == "spatial":  # its joints are not known
+            return set()
+        if name in tendons:  # a fixed tendon drives all joints that it wraps
+            found |= {each.get("joint", "") for each in tendons[name]}
+        elif name is not None:  # refused with unknown joints
+            found.add(name)
+    return found
+
+
+def mark_passive_joints(compiled: mujoco.MjModel, built: ModelBuilder, driven: set[str]) -> None:
     """Set the effort limits of joints without an actuator to zero, as a URDF does for passive joints.
 
     The model does not change if no actuator drives a joint.
@@ -101,16 +122,17 @@ def mark_passive_joints(compiled: mujoco.MjModel, built: ModelBuilder) -> None:
     Args:
         compiled: the ``mujoco.MjModel``.
         built: the model, changed in place.
+        driven: names of the joints that actuators drive.
+
+    Raises:
+        ModelError: an actuator drives an unknown joint.
     """
-    driven: set[int] = set()
-    on_tendon = 3  # transmission of an actuator, mjTRN_TENDON
-    for kind, target in zip(compiled.actuator_trntype, compiled.actuator_trnid[:, 0], strict=True):
-        # A fixed tendon drives all joints that it wraps.
-        first, count = (compiled.tendon_adr[target], compiled.tendon_num[target]) if kind == on_tendon else (0, 0)
-        driven |= set(map(int, compiled.wrap_objid[first : first + count])) if kind == on_tendon else {int(target)}
-    model, driven_names = built.model, {built.joint_name(k) for k in driven}
+    names = [compiled.joint(k).name for k in range(compiled.njnt)]
+    for name in sorted(driven.difference(names)):
+        raise ModelError(f"unknown transmission target '{name}' of an actuator{nearest(name, names)}")
+    model = built.model
     for joint in model.joints[1:] if driven else ():
-        if model.names[joint.id] not in driven_names:
+        if model.names[joint.id] not in driven:
             entries = slice(joint.idx_v, joint.idx_v + joint.nv)
             for limit in (model.effortLimit, model.upperEffortLimit, model.lowerEffortLimit):
                 limit[entries] = 0.0
@@ -164,7 +186,7 @@ def closures(compiled: mujoco.MjModel, built: ModelBuilder) -> Iterator[descript
         # data[10] is the weight of the weld's rotation (torquescale): without it only the points coincide.
         kind: Literal["frame", "point"] = "frame" if is_weld and data[10] > 0 else "point"
         rpy = pin.rpy.matrixToRpy(turn) if kind == "frame" else np.zeros(3)
-        names = [built.carriers[body].name for body in ends]
+        names = [built.frame(body).name for body in ends]
         yield description.Closure(names[0], names[1], kind, _rounded(a), _rounded(b), _rounded(rpy))
 
 
@@ -180,17 +202,14 @@ def _rounded(numbers: np.ndarray) -> tuple[float, float, float]:
 
 _BODY_CHILDREN = ("body", "frame", "replicate", "inertial", "joint", "freejoint", "geom", "site")
 _CHILDREN = {
-    "mujoco": ("compiler", "option", "default", "asset", "worldbody", "equality", "tendon", "actuator"),
+    "mujoco": ("compiler", "option", "default", "asset", "worldbody", "equality"),
     "option": ("flag",),
     "default": ("default", "joint", "geom", "mesh", "material", "site", "equality"),
     "asset": ("mesh", "material"),
     **dict.fromkeys(("worldbody", "body", "frame", "replicate"), _BODY_CHILDREN),
     "equality": ("connect", "weld", "joint"),
-    "tendon": ("fixed",),
-    "fixed": ("joint",),
-    "actuator": ("motor",),
 }
-"""Children that MuJoCo is given. No textures, height fields, sensors, models of other files or plugins."""
+"""Children that MuJoCo is given. No textures, height fields, actuators, sensors, models of other files or plugins."""
 _DROPPED = {"compiler": ("fusestatic", "discardvisual"), "material": ("texture",)}
 """Attributes that would remove named bodies and drawn shapes, or that name dropped elements."""
 _COUNTS = {  # numbers per attribute
@@ -266,12 +285,11 @@ def _own_file(file: Path, path: Path, allowed: robot_files.Packages, where: str)
     return found
 
 
-def reduce_document(root: ElementTree.Element, path: Path) -> None:
+def reduce_document(root: ElementTree.Element) -> None:
     """Remove all that has no effect on motion or shape, in place, and check the rest.
 
     Args:
         root: root element of the file.
-        path: path of the file, for messages.
 
     Raises:
         ModelError: an element is not supported, a number is not valid, the file is too large, or has no body.
@@ -279,36 +297,20 @@ def reduce_document(root: ElementTree.Element, path: Path) -> None:
     generators = ("composite", "flexcomp", "attach")  # elements that make bodies, of which the names are not known here
     for element in root.findall("worldbody//*"):
         if element.tag in generators:
-            raise ModelError(f"{path}: <{element.tag}> is not supported: write out the bodies that it generates")
+            raise ModelError(f"<{element.tag}> is not supported: write out the bodies that it generates")
     if root.find("worldbody//body") is None:
-        raise ModelError(f"{path}: <worldbody> has no <body>")
-    # First: the spatial tendons that tell which actuators have unknown joints are dropped next.
-    _replace_actuators(root)
+        raise ModelError("<worldbody> has no <body>")
     _strip(root)
     most_characters = 1_000  # of an attribute that defaults and <replicate> can repeat
     for parent in (*root.findall("worldbody"), *root.findall("default")):
         for element in parent.iter():
             for key, text in element.attrib.items():
                 if len(text) > most_characters:
-                    raise ModelError(f"{path}: <{element.tag}>: {key} is longer than {most_characters:,} characters")
+                    raise ModelError(f"<{element.tag}>: {key} is longer than {most_characters:,} characters")
     most_elements = 20_000  # after expansion of <replicate>
-    if _size(root, path) > most_elements:
-        raise ModelError(f"{path}: stands for more than {most_elements:,} elements")
-    _check_numbers(root, path)
-
-
-def _replace_actuators(root: ElementTree.Element) -> None:
-    """Replace actuators by motors. Remove them if one acts along a spatial tendon, whose joints are not known."""
-    spatial = {each.get("name") for each in root.findall("tendon/spatial")}
-    known = not any(each.get("tendon") in spatial for each in root.findall("actuator/*") if "tendon" in each.attrib)
-    targets_of_motors = ("joint", "jointinparent", "tendon")
-    for section in root.findall("actuator"):
-        for actuator in list(section):
-            section.remove(actuator)
-            targets = {key: text for key, text in actuator.attrib.items() if key in targets_of_motors}
-            if known and targets:
-                # Only targets matter here: motors compile without the files and parameters of other actuators.
-                section.append(ElementTree.Element("motor", targets))
+    if _size(root) > most_elements:
+        raise ModelError(f"stands for more than {most_elements:,} elements")
+    _check_numbers(root)
 
 
 def _strip(element: ElementTree.Element) -> None:
@@ -324,36 +326,35 @@ def _strip(element: ElementTree.Element) -> None:
             _strip(child)
 
 
-def _size(element: ElementTree.Element, path: Path) -> int:
+def _size(element: ElementTree.Element) -> int:
     """Number of elements after expansion of an element."""
-    inside = 1 + sum(_size(each, path) for each in element)
+    inside = 1 + sum(_size(each) for each in element)
     if element.tag != "replicate":
         return inside
     count = element.get("count", "1")
     if not (count.isascii() and count.isdigit() and len(count) < 20):
-        raise ModelError(f"{path}: <replicate> takes a whole number as its count, found '{count}'")
+        raise ModelError(f"<replicate> takes a whole number as its count, found '{count}'")
     return inside * max(1, int(count))
 
 
-def _check_numbers(root: ElementTree.Element, path: Path) -> None:
+def _check_numbers(root: ElementTree.Element) -> None:
     for element in (each for each in root.iter() if each.tag != "flag"):
         for key, text in element.attrib.items():
             if key in _COUNTS:
                 where = f'<{element.tag} name="{element.get("name")}">' if element.get("name") else f"<{element.tag}>"
-                description.check_numbers(text, _COUNTS[key], f"{path}: {where}: {key}")
+                description.check_numbers(text, _COUNTS[key], f"{where}: {key}")
 
 
 # ---------------------------------------------------------------------- compilation
 
 
-def compile_document(root: ElementTree.Element, path: Path, assets: MeshAssets) -> mujoco.MjModel:
+def compile_document(root: ElementTree.Element, assets: MeshAssets) -> mujoco.MjModel:
     """Return the ``mujoco.MjModel`` of a file.
 
     A moving body without mass is compiled with the smallest one, because its joint may be locked.
 
     Args:
         root: root element of the file, reduced to what MuJoCo may see, without meshes.
-        path: path of the file, for messages.
         assets: meshes of the file.
 
     Raises:
@@ -362,7 +363,7 @@ def compile_document(root: ElementTree.Element, path: Path, assets: MeshAssets) 
     try:
         import mujoco
     except ImportError:
-        raise ModelError(f"{path}: MuJoCo compiles MJCF. {missing_extra('mujoco')}") from None
+        raise ModelError(f"MuJoCo compiles MJCF. {missing_extra('mujoco')}") from None
     try:
         with description.captured_stderr(), description.unlogged(mujoco), warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -378,7 +379,7 @@ def compile_document(root: ElementTree.Element, path: Path, assets: MeshAssets) 
     except ModelError:
         raise
     except Exception as error:  # raised by its C code
-        raise ModelError(f"{path}: {_explained(description.brief(error), root)}") from None
+        raise ModelError(_explained(description.brief(error), root)) from None
 
 
 def _compile(root: ElementTree.Element, assets: MeshAssets) -> mujoco.MjModel:

@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 import coal
@@ -30,22 +30,6 @@ SMALLEST = 1e-15
 """Smallest mass [kg] and moment of inertia [kg m^2] of a moving body in MuJoCo (mjMINVAL)."""
 
 
-class Carrier(NamedTuple):
-    """Body of the file in the model.
-
-    Attributes:
-        name: name of its frame.
-        joint: index of the joint that carries it.
-        frame: index of its frame.
-        placement: its placement in the joint.
-    """
-
-    name: str
-    joint: int
-    frame: int
-    placement: pin.SE3
-
-
 class ModelBuilder:
     """Model with one joint for each joint of the file, in order. Bodies and sites are frames.
 
@@ -58,7 +42,7 @@ class ModelBuilder:
 
     Attributes:
         model: the model.
-        carriers: bodies by their index in MuJoCo, the world first.
+        frames: indices of the frames of bodies, by their index in MuJoCo, the world first.
         joints: index in MuJoCo to index in the model; a replaced free joint is missing.
         references: values of hinges and slides in the configuration of the file [rad or m].
         notes: texts on what is left out; each can follow the file name.
@@ -83,9 +67,9 @@ class ModelBuilder:
         names = [compiled.body(k).name for k in range(compiled.nbody)]
         self._free = (each for k in itertools.count(1) if (each := f"body_{k}") not in names)
         self._names = [name or next(self._free) for name in names]
-        self.carriers = [Carrier("universe", 0, 0, pin.SE3.Identity())]
+        self.frames = [0]
         for body in range(1, compiled.nbody):
-            self.carriers.append(self._add_body(body))
+            self.frames.append(self._add_body(body))
         for site in range(compiled.nsite):
             if compiled.site_bodyid[site] or compiled.site(site).name:  # nothing refers to nameless marks in the world
                 self._add_site(site)
@@ -133,15 +117,23 @@ class ModelBuilder:
         first, count = self._compiled.body_jntadr[body], self._compiled.body_jntnum[body]
         return [k for k in range(first, first + count) if self._base is None or self._compiled.jnt_type[k] != FREE]
 
-    def _add_body(self, body: int) -> Carrier:
+    def frame(self, body: int) -> pin.Frame:
+        """Frame of a body.
+
+        Args:
+            body: index of the body in MuJoCo.
+        """
+        return self.model.frames[self.frames[body]]
+
+    def _add_body(self, body: int) -> int:
         compiled, model = self._compiled, self.model
-        parent = self.carriers[compiled.body_parentid[body]]
+        frame = self.frames[compiled.body_parentid[body]]
+        parent, place = model.frames[frame].parentJoint, model.frames[frame].placement.copy()
         joints, name, inertia = self._own_joints(body), self._names[body], self._inertia(body)
-        place = pose(compiled.body_pos[body], compiled.body_quat[body])
-        if compiled.body_jntnum[body] > len(joints):
-            place = pin.SE3.Identity()  # the base takes the place of the free joint
-        index, frame, place = parent.joint, parent.frame, parent.placement * place
-        if parent.joint == 0 and parent.frame == 0 and self._make_root is not None:
+        if compiled.body_jntnum[body] == len(joints):  # else the base takes the place of the free joint
+            place = place * pose(compiled.body_pos[body], compiled.body_quat[body])
+        index = parent
+        if frame == 0 and self._make_root is not None:
             index, frame, place = self._add_joint(0, 0, self._make_root(), pin.SE3.Identity(), "root_joint")
         for joint in joints:
             # Several joints of one body follow each other: each needs a frame that carries the next one.
@@ -149,11 +141,11 @@ class ModelBuilder:
                 frame = model.addBodyFrame(next(self._free), index, place, frame)
             index, frame, place = self._add_file_joint(joint, index, frame, place)
         # A body without joints: its frame keeps its inertia, as frames of fixed joints in a URDF do.
-        if index == parent.joint:
+        if index == parent:
             frame = model.addFrame(pin.Frame(f"{name}_fixed", index, frame, place, pin.FrameType.FIXED_JOINT, inertia))
         else:
             model.appendBodyToJoint(index, inertia, place)
-        return Carrier(name, index, model.addBodyFrame(name, index, place, frame), place)
+        return int(model.addBodyFrame(name, index, place, frame))
 
     def _inertia(self, body: int) -> pin.Inertia:
         compiled = self._compiled
@@ -212,11 +204,11 @@ class ModelBuilder:
     def _add_site(self, site: int) -> None:
         compiled = self._compiled
         body = compiled.site_bodyid[site]
-        carrier = self.carriers[body]
+        frame = self.frame(body)
         number = site - next(k for k in range(compiled.nsite) if compiled.site_bodyid[k] == body)
-        place = carrier.placement * pose(compiled.site_pos[site], compiled.site_quat[site])
-        name = compiled.site(site).name or f"{carrier.name}Site_{number}"
-        self.model.addFrame(pin.Frame(name, carrier.joint, carrier.frame, place, pin.FrameType.OP_FRAME))
+        place = frame.placement * pose(compiled.site_pos[site], compiled.site_quat[site])
+        name = compiled.site(site).name or f"{frame.name}Site_{number}"
+        self.model.addFrame(pin.Frame(name, frame.parentJoint, self.frames[body], place, pin.FrameType.OP_FRAME))
 
 
 def pose(position: np.ndarray, quaternion: np.ndarray) -> pin.SE3:
@@ -242,14 +234,12 @@ class MeshAssets:
 
     Args:
         root: root element of the file, with absolute paths of meshes; changed in place.
-        path: path of the file.
 
     Raises:
         ModelError: the scale of a mesh is not valid.
     """
 
-    def __init__(self, root: ElementTree.Element, path: Path) -> None:
-        self._path = path
+    def __init__(self, root: ElementTree.Element) -> None:
         self._all_weigh = any(each.get("inertiafromgeom") == "true" for each in root.findall("compiler"))
         self._attributes: dict[str, dict[str, str]] = {}
         kept_keys = ("class", "scale", "inertia", "maxhullvert")
@@ -258,7 +248,7 @@ class MeshAssets:
         for mesh in root.findall("asset/mesh"):
             name = mesh.get("name") or Path(mesh.get("file", "")).stem
             if _numbers(mesh.attrib, "scale", 3) is None:
-                raise ModelError(f"{path}: mesh '{name}': scale takes three numbers, found '{mesh.get('scale')}'")
+                raise ModelError(f"mesh '{name}': scale takes three numbers, found '{mesh.get('scale')}'")
             self._attributes[name] = dict(mesh.attrib)
             kept = {key: mesh.attrib[key] for key in kept_keys if key in mesh.attrib}
             mesh.attrib.clear()
@@ -281,7 +271,7 @@ class MeshAssets:
         for mesh in spec.meshes:
             if mesh.name not in needed:
                 continue
-            with ModelError.at(f"{self._path}: mesh '{mesh.name}'"):
+            with ModelError.at(f"mesh '{mesh.name}'"):
                 found = self._read(mesh.name)
                 shapes.count(found)
                 vertices = mesh_formats.scaled_vertices(found, np.array(mesh.scale))
@@ -307,7 +297,7 @@ class MeshAssets:
             attributes = self._attributes[name]
             # Viewers share a file as it stands by its path; one that the description moves is a mesh of its own.
             file = "" if _MOVED & set(attributes) else attributes.get("file", "")
-            with ModelError.at(f"{self._path}: mesh '{name}'"):
+            with ModelError.at(f"mesh '{name}'"):
                 shapes.put(geometry.geometryObjects[place], name, partial(self._read, name), factors, file)
 
     def _read(self, name: str) -> Mesh:
@@ -369,10 +359,11 @@ class MjcfGeometry:
         compiled: the ``mujoco.MjModel``.
         built: the model.
         assets: meshes of the file.
+        path: path of the file, for messages.
     """
 
-    def __init__(self, compiled: mujoco.MjModel, built: ModelBuilder, assets: MeshAssets) -> None:
-        self._assets = assets
+    def __init__(self, compiled: mujoco.MjModel, built: ModelBuilder, assets: MeshAssets, path: Path) -> None:
+        self._assets, self._path = assets, path
         self._models = {kind: pin.GeometryModel() for kind in ("visual", "collision")}
         """Shapes of each kind, with a sphere in place of each mesh."""
         self._meshes: dict[str, dict[int, tuple[str, np.ndarray]]] = {kind: {} for kind in self._models}
@@ -388,15 +379,16 @@ class MjcfGeometry:
             ModelError: a mesh cannot be used.
         """
         geometry = self._models[kind].copy()
-        self._assets.fill(geometry, self._meshes[kind])
+        with ModelError.at(self._path):
+            self._assets.fill(geometry, self._meshes[kind])
         return geometry
 
     def _add(self, compiled: mujoco.MjModel, k: int, built: ModelBuilder) -> None:
         body, mesh = compiled.geom_bodyid[k], int(compiled.geom_dataid[k])
-        carrier = built.carriers[body]
-        owner = "world" if body == 0 else carrier.name
+        frame = built.frame(body)
+        owner = "world" if body == 0 else frame.name
         name = compiled.geom(k).name or f"{owner}Geom_{k - compiled.body_geomadr[body]}"
-        place = carrier.placement * pose(compiled.geom_pos[k], compiled.geom_quat[k])
+        place = frame.placement * pose(compiled.geom_pos[k], compiled.geom_quat[k])
         shape = coal.Sphere(1.0)
         is_mesh = compiled.geom_type[k] == _MESH
         if is_mesh:  # MuJoCo rotates meshes to their principal axes
@@ -412,7 +404,8 @@ class MjcfGeometry:
         color = compiled.geom_rgba[k] if material < 0 else compiled.mat_rgba[material]
         # MuJoCo has colours in single precision, in which 0.8 is 0.800000012.
         color, file = np.round(color.astype(float), 6), type(shape).__name__.upper()  # named as Pinocchio names shapes
-        made = pin.GeometryObject(name, carrier.joint, carrier.frame, place, shape, file, np.ones(3), False, color)
+        at = frame.parentJoint, built.frames[body], place
+        made = pin.GeometryObject(name, *at, shape, file, np.ones(3), False, color)
         for kind in kinds:
             index = self._models[kind].addGeometryObject(made)
             if is_mesh:

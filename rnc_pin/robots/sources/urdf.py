@@ -59,33 +59,28 @@ def read_urdf(
     check_known(base, description.ROOT_JOINTS, "base", ModelError)
     packages = robot_files.Packages(path.parent, package_dirs)
     root = parse_urdf(path, xacro_arguments, packages)
-    # Repairs first: checks after them tell only what no repair can decide.
-    notes = repair(root, path)
-    _check_unique(root, path)
-    meshes = Meshes(root, path, packages)
-    # Meshes are known now, whose boxes give the moments; the checks come after, because masses repair what they refuse.
-    if masses:
-        give_masses(root, masses, path)
-    _check_links(root, path)
-    moving = [joint.get("name") for joint in root.findall("joint") if joint.get("type") != "fixed"]
-    # Pinocchio names the joint of the base so.
-    if base != "fixed" and "root_joint" in moving:
-        raise ModelError(f"{path}: joint 'root_joint' has the name of a {base} base's own: rename it in the file")
-    mimics = _mimics(root, path)
-    if snap:
-        notes += _snap(root)
-    for note in notes:
-        warn(f"{path.name}: {note}")
-    model = _build(ElementTree.tostring(root, encoding="unicode"), path, base)
+    with ModelError.at(path):
+        # Repairs first: checks after them tell only what no repair can decide.
+        notes = repair(root, path.name)
+        _check_unique(root)
+        meshes = Meshes(root, path, packages)
+        # Meshes are known now, whose boxes give the moments; the checks come after, because masses repair what they
+        # refuse.
+        give_masses(root, masses or {})
+        _check_links(root)
+        moving = [joint.get("name") for joint in root.findall("joint") if joint.get("type") != "fixed"]
+        # Pinocchio names the joint of the base so.
+        if base != "fixed" and "root_joint" in moving:
+            raise ModelError(f"joint 'root_joint' has the name of a {base} base's own: rename it in the file")
+        mimics = _mimics(root, path)
+        if snap:
+            notes += _snap(root)
+        for note in notes:
+            warn(f"{path.name}: {note}")
+        model = _build(ElementTree.tostring(root, encoding="unicode"), base)
+    geometry = partial(meshes.geometry, model)
     return description.Description(
-        model,
-        partial(meshes.geometry, model),
-        meshes.lost,
-        mimics,
-        bodies_of(root),
-        packages.found,
-        packages.far,
-        packages.folders,
+        model, geometry, meshes.lost, mimics, bodies_of(root), packages.found, packages.folders
     )
 
 
@@ -154,7 +149,7 @@ def _snap(root: ElementTree.Element) -> list[str]:
     return roundings.notes()
 
 
-def _build(text: str, path: Path, base: str) -> pin.Model:
+def _build(text: str, base: str) -> pin.Model:
     make_root = description.ROOT_JOINTS[base]
     failure: Exception | None = None
     with description.captured_stderr() as complaints:
@@ -166,7 +161,7 @@ def _build(text: str, path: Path, base: str) -> pin.Model:
     # The text of urdfdom names the element; the exception that follows only says that parsing failed.
     complaint = _first_complaint(complaints) or failure
     if complaint:
-        raise ModelError(f"{path}: {complaint}")
+        raise ModelError(str(complaint))
     for limit in (
         *(model.lowerPositionLimit, model.upperPositionLimit, model.effortLimit, model.lowerEffortLimit),
         *(model.velocityLimit, model.upperVelocityLimit, model.lowerVelocityLimit),
@@ -186,7 +181,7 @@ def _first_complaint(lines: list[str]) -> str | None:
     return errors[0] if place is None else f"{errors[0]} ({place[0].lower()}{place[1:]})"
 
 
-def _check_unique(root: ElementTree.Element, path: Path) -> None:
+def _check_unique(root: ElementTree.Element) -> None:
     """Check that links and joints have names of their own, and name the files where one has not."""
     for tag in ("link", "joint"):
         seen: dict[str | None, ElementTree.Element] = {}
@@ -197,10 +192,10 @@ def _check_unique(root: ElementTree.Element, path: Path) -> None:
                 both = [(getattr(one, "file", None), getattr(one, "line", 0)) for one in (first, each)]
                 places = [f"{file.name} line {line}" for file, line in both if file is not None]
                 where = f": in {' and in '.join(dict.fromkeys(places))}" if places else ""
-                raise ModelError(f"{path}: {tag} '{each.get('name')}' is not unique{where}")
+                raise ModelError(f"{tag} '{each.get('name')}' is not unique{where}")
 
 
-def _check_links(root: ElementTree.Element, path: Path) -> None:
+def _check_links(root: ElementTree.Element) -> None:
     """Check faults that urdfdom accepts without a message, such as unreachable links and negative damping."""
     links = dict.fromkeys(str(link.get("name")) for link in root.findall("link"))
     parents: dict[str, str] = {}
@@ -211,50 +206,48 @@ def _check_links(root: ElementTree.Element, path: Path) -> None:
         dynamics = joint.find("dynamics")
         if dynamics is not None and kind != "fixed":
             values = {key: description.read_number(dynamics.get(key)) for key in ("damping", "friction")}
-            description.check_not_negative(values, f"joint '{name}'", f"{path}: ")
+            description.check_not_negative(values, f"joint '{name}'")
         ends = {each.tag: each.get("link", "") for each in reversed(joint)}
         parent, child = ends.get("parent", ""), ends.get("child", "")
         if parent not in links or child not in links:
             return  # urdfdom reports the missing link
         # A second parent would close a loop, which a tree of joints cannot have.
         if child in parents:
-            raise ModelError(f"{path}: link '{child}' is the child of two joints, '{name}' the second")
+            raise ModelError(f"link '{child}' is the child of two joints, '{name}' the second")
         parents[child], kinds[child] = parent, kind
         if kind is not None and kind not in types:
-            raise ModelError(f"{path}: joint '{name}' of type '{kind}'{nearest(kind, types)}")
+            raise ModelError(f"joint '{name}' of type '{kind}'{nearest(kind, types)}")
         axis = joint.find("axis")
         numbers = None if axis is None else description.read_numbers(axis.get("xyz", "1 0 0"))
         if numbers is not None and not numbers.any() and kind not in ("fixed", "floating"):
-            raise ModelError(f"{path}: the axis of joint '{name}' is zero")
+            raise ModelError(f"the axis of joint '{name}' is zero")
     # Cycles first: all their links have parents, so they have no root to be reported.
-    _check_chains(parents, path)
+    _check_chains(parents)
     roots = [f"[{link}]" for link in links if link not in parents]
     if len(roots) > 1:
-        raise ModelError(f"{path}: several root links: {few(roots, 6)}: attach all but one with fixed joints")
+        raise ModelError(f"several root links: {few(roots, 6)}: attach all but one with fixed joints")
     for link in root.findall("link"):
         name, mass = str(link.get("name")), link.find("inertial/mass")
         number = None if mass is None else description.read_number(mass.get("value"))
         # A movable link is checked with its joint.
         if number is not None and number < 0 and kinds.get(name, "fixed") == "fixed":
             remedy = f"give it another with {argument('masses', {name: 0.1})}"
-            raise ModelError(f"{path}: mass of link '{name}' is negative: {number:g} kg; {remedy}")
+            raise ModelError(f"mass of link '{name}' is negative: {number:g} kg; {remedy}")
 
 
-def _check_chains(parents: Mapping[str, str], path: Path) -> None:
+def _check_chains(parents: Mapping[str, str]) -> None:
     """Refuse loops, and chains too long for Pinocchio's recursion."""
     try:
         order = list(TopologicalSorter({child: (parent,) for child, parent in parents.items()}).static_order())
     except CycleError as error:
         ring = error.args[1][0]
-        raise ModelError(
-            f"{path}: no root link: link '{ring}' is in a loop of links, each the parent of the next"
-        ) from None
+        raise ModelError(f"no root link: link '{ring}' is in a loop of links, each the parent of the next") from None
     depths: dict[str, int] = {}
     for link in order:
         depths[link] = depths[parents[link]] + 1 if link in parents else 0
     longest = 1000  # links: Pinocchio visits them by recursion, which would overflow the stack
     if max(depths.values(), default=0) > longest:
-        raise ModelError(f"{path}: a chain of more than {longest} links, each the parent of the next")
+        raise ModelError(f"a chain of more than {longest} links, each the parent of the next")
 
 
 def _mimics(root: ElementTree.Element, path: Path) -> tuple[description.Mimic, ...]:
@@ -272,7 +265,7 @@ def _mimics(root: ElementTree.Element, path: Path) -> tuple[description.Mimic, .
             strangers.append(f"'{name}' of '{source}'{hint}")
             continue
         factors = [
-            float(description.check_numbers(mimic.get(key, usual), (1,), f"{path}: {key} of joint '{name}'")[0])
+            float(description.check_numbers(mimic.get(key, usual), (1,), f"{key} of joint '{name}'")[0])
             for key, usual in (("multiplier", "1"), ("offset", "0"))
         ]
         mimics.append(description.Mimic(name, source, *factors))

@@ -49,8 +49,7 @@ class Meshes:
                 continue
             name = robot_files.package_uri(element.attrib["filename"])
             element.set("filename", name)
-            with ModelError.at(path):
-                found = packages.file(name)
+            found = packages.file(name)
             if found is not None:
                 element.set("filename", str(found))
             elif element.tag == "mesh":
@@ -149,30 +148,15 @@ def _mesh_of(shape: ElementTree.Element) -> ElementTree.Element | None:
 
 
 def _stand_in(geometry: pin.GeometryModel, model: pin.Model, name: str, link: ElementTree.Element) -> None:
-    # The box of uniform density with the inertia of the link: about its size, where nothing else tells it.
-    box = equivalent_box(link)
-    if box is None or not model.existFrame(name, pin.FrameType.BODY):
-        return
-    sides, placement = box
-    index = model.getFrameId(name, pin.FrameType.BODY)
-    frame = model.frames[index]
-    shape = pin.GeometryObject(name + STAND_IN, frame.parentJoint, index, frame.placement * placement, coal.Box(*sides))
-    shape.meshColor = np.array([0.55, 0.6, 0.66, 0.75])
-    geometry.addGeometryObject(shape)
+    """Add the solid box with the inertia of a link: about its size, where nothing else tells it.
 
-
-def equivalent_box(link: ElementTree.Element) -> tuple[np.ndarray, pin.SE3] | None:
-    """Return the solid box with the inertia of a ``<link>``: sides (3,) [m] and its pose in the link frame.
-
-    None if the link has no mass. A box of very low density is reduced, and a flat box gets a minimum thickness.
-
-    Args:
-        link: the element.
+    A link without mass has none. A box of very low density is reduced, and a flat box gets a minimum thickness.
     """
     mass, inertia = _inertia(link)
     placement = _pose(link.find("inertial/origin"))
-    if mass <= 0 or not np.isfinite(placement.homogeneous).all():
-        return None
+    known = mass > 0 and np.isfinite(placement.homogeneous).all()
+    if not known or not model.existFrame(name, pin.FrameType.BODY):
+        return
     moments, axes = np.linalg.eigh(inertia)
     # eigh may return a mirrored basis, which is no rotation.
     if np.linalg.det(axes) < 0:
@@ -185,7 +169,12 @@ def equivalent_box(link: ElementTree.Element) -> tuple[np.ndarray, pin.SE3] | No
     least_density = 30.0  # [kg/m^3]: many files give small links far too large inertias
     # The cube root keeps the form of the box.
     sides *= min(1.0, float(np.cbrt(mass / least_density / sides.prod())))
-    return sides, placement * pin.SE3(axes, np.zeros(3))
+    index = model.getFrameId(name, pin.FrameType.BODY)
+    frame = model.frames[index]
+    place = frame.placement * placement * pin.SE3(axes, np.zeros(3))
+    shape = pin.GeometryObject(name + STAND_IN, frame.parentJoint, index, place, coal.Box(*sides))
+    shape.meshColor = np.array([0.55, 0.6, 0.66, 0.75])
+    geometry.addGeometryObject(shape)
 
 
 # ---------------------------------------------------------------------- inertias
@@ -194,7 +183,7 @@ def equivalent_box(link: ElementTree.Element) -> tuple[np.ndarray, pin.SE3] | No
 BALL_RADIUS = 0.05  # radius [m] of the ball that represents a link without geometry
 
 
-def give_masses(root: ElementTree.Element, masses: Mapping[str, float], path: Path) -> None:
+def give_masses(root: ElementTree.Element, masses: Mapping[str, float]) -> None:
     """Give masses to links without a valid inertia, with uniform density in the box around their geometry.
 
     The box encloses the collision geometry, or the visual geometry if there is none. Without readable geometry, the
@@ -203,21 +192,20 @@ def give_masses(root: ElementTree.Element, masses: Mapping[str, float], path: Pa
     Args:
         root: XML of the robot, with absolute paths of meshes.
         masses: link to mass [kg].
-        path: path of the file, for messages.
 
     Raises:
         ModelError: unknown link, a link with a valid inertia, or a mass that is not positive.
     """
     links = {str(link.get("name")): link for link in root.findall("link")}
     for name, mass in masses.items():
-        place_of(str(name), links, f"{path}: masses: no link", ModelError)
+        place_of(str(name), links, "masses: no link", ModelError)
         if isinstance(mass, bool) or not isinstance(mass, int | float) or not 0 < mass < np.inf:
-            raise ModelError(f"{path}: mass of link '{name}' has to be positive [kg], found {mass!r}")
+            raise ModelError(f"mass of link '{name}' has to be positive [kg], found {mass!r}")
         link = links[name]
         body = _body(link)
         if body.mass > 0 and np.linalg.eigvalsh(body.inertia)[0] > 0:
             raise ModelError(
-                f"{path}: masses: link '{name}' has an inertia of its own ({body.mass:g} kg), and masses= is for links "
+                f"masses: link '{name}' has an inertia of its own ({body.mass:g} kg), and masses= is for links "
                 f"without a useful one: robot.with_masses({{'{name}': {mass!r}}}) gives it another mass"
             )
         for inertial in link.findall("inertial"):
@@ -225,7 +213,11 @@ def give_masses(root: ElementTree.Element, masses: Mapping[str, float], path: Pa
         center, edges = _box(link)
         # A box with uniform density.
         moments = mass / 12 * (np.sum(edges**2) - edges**2)
-        link.append(inertial_element(pin.Inertia(float(mass), center, np.diag(moments))))
+        tensor = dict.fromkeys(_TENSOR, "0") | dict(zip(("ixx", "iyy", "izz"), map(str, moments.tolist()), strict=True))
+        inertial = ElementTree.SubElement(link, "inertial")
+        ElementTree.SubElement(inertial, "origin", {"xyz": " ".join(map(str, center.tolist())), "rpy": "0 0 0"})
+        ElementTree.SubElement(inertial, "mass", {"value": str(float(mass))})
+        ElementTree.SubElement(inertial, "inertia", tensor)
 
 
 def bodies_of(root: ElementTree.Element) -> dict[str, description.Body]:
@@ -254,21 +246,7 @@ def _inertia(link: ElementTree.Element) -> tuple[float, np.ndarray]:
     return float(kg), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-_TENSOR = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
-
-
-def inertial_element(inertia: pin.Inertia) -> ElementTree.Element:
-    """``<inertial>`` of a link, with all digits.
-
-    Args:
-        inertia: inertia in the axes of the link.
-    """
-    inertial, tensor = ElementTree.Element("inertial"), inertia.inertia
-    center = " ".join(f"{each:.17g}" for each in inertia.lever)
-    ElementTree.SubElement(inertial, "origin", {"xyz": center, "rpy": "0 0 0"})
-    ElementTree.SubElement(inertial, "mass", {"value": f"{inertia.mass:.17g}"})
-    ElementTree.SubElement(inertial, "inertia", {key: f"{tensor[at]:.17g}" for key, at in _TENSOR.items()})
-    return inertial
+_TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
 def _box(link: ElementTree.Element) -> tuple[np.ndarray, np.ndarray]:

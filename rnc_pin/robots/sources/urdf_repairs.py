@@ -15,7 +15,6 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from decimal import Decimal
-from pathlib import Path
 from typing import TypeAlias
 from xml.etree import ElementTree
 
@@ -129,23 +128,20 @@ class Roundings:
             where: joint or body that it belongs to, in words.
         """
         words = element.attrib[key].split()
-        if key in ("rpy", "euler"):
-            words = [self._written([each], [snapped_angle(each)], where, is_axis=False)[0] for each in words]
-        else:
-            words = self._written(words, snapped_direction(words), where, is_axis=True)
-        element.set(key, " ".join(words))
-
-    def _written(self, texts: Sequence[str], exact: Sequence[float], where: str, *, is_axis: bool) -> list[str]:
-        given = [float(text) for text in texts]
+        given = [float(each) for each in words]
+        is_axis = key not in ("rpy", "euler")
+        exact = snapped_direction(words) if is_axis else [snapped_angle(each) for each in words]
         # The length of an axis has no meaning: only its direction is compared.
         lengths = [math.hypot(*numbers) for numbers in (given, exact)] if is_axis else [1.0, 1.0]
         if not all(lengths):
-            return list(texts)
-        change = max(abs(old / lengths[0] - new / lengths[1]) for old, new in zip(given, exact, strict=True))
-        self.changed += change > REPORTED
-        if change > self.largest:
-            self.largest, self.where = change, where
-        return [text if old == new else repr(new) for text, old, new in zip(texts, given, exact, strict=True)]
+            return
+        changes = [abs(old / lengths[0] - new / lengths[1]) for old, new in zip(given, exact, strict=True)]
+        changed = sum(change > REPORTED for change in changes)
+        self.changed += min(changed, 1) if is_axis else changed
+        if max(changes) > self.largest:
+            self.largest, self.where = max(changes), where
+        texts = [word if old == new else repr(new) for word, old, new in zip(words, given, exact, strict=True)]
+        element.set(key, " ".join(texts))
 
     def notes(self) -> list[str]:
         """Summary of the changes in one line, which can follow the file name; none if there is nothing to report."""
@@ -183,12 +179,12 @@ ENDLESS = 1e300
 """Value for an infinite limit in the XML: urdfdom does not read ``inf``."""
 
 
-def repair(root: ElementTree.Element, path: Path) -> list[str]:
+def repair(root: ElementTree.Element, file: str) -> list[str]:
     """Change the XML of a robot in place so that urdfdom accepts it, and remove duplicate elements.
 
     Args:
         root: root element of the file, changed in place.
-        path: path of the file, for messages.
+        file: name of the file.
 
     Returns:
         Notes on the changes to the model; each can follow the file name. Changes of notation only are not reported.
@@ -199,30 +195,26 @@ def repair(root: ElementTree.Element, path: Path) -> list[str]:
     """
     # In this order: later repairs rely on names and numbers that earlier ones made valid.
     notes: Notes = defaultdict(list)
-    _name(root, path, notes)
-    _numbers(root, path, notes)
+    _name(root, file, notes)
+    _numbers(root, notes)
     _inertials(root, notes)
     _geometry(root, notes)
     _limits(root, notes)
     _world(root, notes)
-    _planar(root, path, notes)
+    _planar(root, notes)
     _duplicates(root, notes)
     _drop_unused(root)
     return [f"{change} {few(places)}" if places else change for change, places in notes.items()]
 
 
-def _name(root: ElementTree.Element, path: Path, notes: Notes) -> None:
-    if root.get("name", "").strip():
-        return
-    name = path.name
-    endings = (".urdf", ".xacro", ".xml")
-    while name.endswith(endings):
-        name = name.rpartition(".")[0]
-    root.set("name", name)
-    notes[f"<robot> has no name and is called '{name}' after its file"] = []
+def _name(root: ElementTree.Element, file: str, notes: Notes) -> None:
+    if not root.get("name", "").strip():
+        name = re.sub(r"(\.urdf|\.xacro|\.xml)+$", "", file)
+        root.set("name", name)
+        notes[f"<robot> has no name and is called '{name}' after its file"] = []
 
 
-def _numbers(root: ElementTree.Element, path: Path, notes: Notes) -> None:
+def _numbers(root: ElementTree.Element, notes: Notes) -> None:
     """Repair lists of numbers: commas, a single scale, colours without opacity, too many numbers, empty attributes."""
     counts = {"xyz": 3, "rpy": 3, "size": 3, "scale": 3, "rgba": 4}
     for owner in [each for tag in ("link", "joint", "material") for each in root.findall(tag)]:
@@ -232,12 +224,12 @@ def _numbers(root: ElementTree.Element, path: Path, notes: Notes) -> None:
                 count = counts.get(key)
                 if count is None:
                     if re.fullmatch(r"\s*[+-]?\d*,\d+\s*", text) and key not in ("name", "filename"):
-                        raise ModelError(f"{path}: {where}: {key} is '{text}': write a point for its decimals")
+                        raise ModelError(f"{where}: {key} is '{text}': write a point for its decimals")
                     continue
                 words = text.split()
                 # As many words as numbers, some with a comma inside: these commas are decimals and not separators.
                 if any("," in word.strip(",") for word in words) and len(words) == count:
-                    raise ModelError(f"{path}: {where}: {key} is '{text}': write a point for the decimals")
+                    raise ModelError(f"{where}: {key} is '{text}': write a point for the decimals")
                 words = text.replace(",", " ").split()
                 if not words:
                     del element.attrib[key]
@@ -342,7 +334,7 @@ def _world(root: ElementTree.Element, notes: Notes) -> None:
         notes["names 'world' as a parent, which is added as a link"] = []
 
 
-def _planar(root: ElementTree.Element, path: Path, notes: Notes) -> None:
+def _planar(root: ElementTree.Element, notes: Notes) -> None:
     """Check planar joints: Pinocchio moves them in their own x-y plane, whatever their axis."""
     for joint in root.findall("joint[@type='planar']"):
         axis = joint.find("axis")
@@ -351,7 +343,7 @@ def _planar(root: ElementTree.Element, path: Path, notes: Notes) -> None:
             notes["planar joint without an axis, which moves in its x-y plane:"].append(str(joint.get("name")))
         elif numbers.size == 3 and numbers[:2].any():
             raise ModelError(
-                f"{path}: planar joint '{joint.get('name')}' has axis '{axis.get('xyz')}', which is not supported: "  # type: ignore[union-attr]
+                f"planar joint '{joint.get('name')}' has axis '{axis.get('xyz')}', which is not supported: "  # type: ignore[union-attr]
                 "rotate its origin so that its axis is '0 0 1'"
             )
 
