@@ -174,7 +174,11 @@ class NamedModel:
     @property
     def single_joint_names(self) -> list[str]:
         """Names of the joints with one degree of freedom."""
-        return [name for name in self.joint_names if self.model.joints[self.joint_id(name)].nv == 1]
+        return [name for name, joint in self._named_joints if joint.nv == 1]
+
+    @property
+    def _named_joints(self) -> list[tuple[str, pin.JointModel]]:
+        return list(zip(self.joint_names, list(self.model.joints)[1:], strict=True))
 
     def links_of(self, joint: int) -> list[str]:
         """Names of the links that a joint moves, in the order of the model.
@@ -217,11 +221,8 @@ class NamedModel:
     @property
     def velocity_names(self) -> tuple[str, ...]:
         """Names of the entries of ``v``: the joint name, with an index if the joint has several entries."""
-        names: list[str] = []
-        for index, name in enumerate(self.joint_names, start=1):
-            size = self.model.joints[index].nv
-            names += [name] if size == 1 else [f"{name}[{k}]" for k in range(size)]
-        return tuple(names)
+        joints = self._named_joints
+        return tuple(name if joint.nv == 1 else f"{name}[{k}]" for name, joint in joints for k in range(joint.nv))
 
     @property
     def configuration_entries(self) -> tuple[tuple[str, str], ...]:
@@ -232,7 +233,7 @@ class NamedModel:
         """
         found: list[tuple[str, str]] = []
         units = [unit.removesuffix("/s") for unit in self.velocity_units]
-        for name, joint in zip(self.joint_names, list(self.model.joints)[1:], strict=True):
+        for name, joint in self._named_joints:
             own = units[joint.idx_v : joint.idx_v + joint.nv]
             if joint.nq == 1:
                 found.append((name, own[0]))
@@ -288,7 +289,7 @@ class NamedModel:
             q: one configuration (nq,).
         """
         values: dict[str, float | list[float]] = {}
-        for name, joint in zip(self.joint_names, list(self.model.joints)[1:], strict=True):
+        for name, joint in self._named_joints:
             entry = q[joint.idx_q : joint.idx_q + joint.nq]
             if _goes_round(joint):
                 values[name] = float(np.arctan2(entry[1], entry[0]))
@@ -309,7 +310,7 @@ class NamedModel:
         # On the manifold: entries of a quaternion that are drawn one by one are no rotation.
         q = pin.integrate(self.model, pin.neutral(self.model), generator.uniform(-spread, spread, self.nv))
         # Limits hold for entries of q that are coordinates; others, such as quaternions, have none.
-        for joint in list(self.model.joints)[1:]:
+        for _, joint in self._named_joints:
             if joint.nq == joint.nv == 1:
                 low = max(self.model.lowerPositionLimit[joint.idx_q], -spread)
                 high = min(self.model.upperPositionLimit[joint.idx_q], spread)

@@ -60,18 +60,16 @@ def joints_with_moving_axes(model: pin.Model) -> list[str]:
     Args:
         model: model of the robot.
     """
-    joints = zip(model.names, model.joints, strict=True)
     # Half a unit away from neutral in every entry, axes that move differ visibly.
     places = pin.neutral(model), pin.integrate(model, pin.neutral(model), np.full(model.nv, 0.5))
-    return [name for name, joint in joints if not np.allclose(_axes(joint, places[0]), _axes(joint, places[1]))]
-
-
-def _axes(joint: pin.JointModel, q: np.ndarray) -> np.ndarray:
-    """Axes of a joint in the body that it moves; none for one degree of freedom, which has a constant one."""
-    data = joint.createData()
-    if joint.nv > 1:
-        joint.calc(data, q)
-    return np.array(data.S) if joint.nv > 1 else np.empty(0)
+    found = []
+    for name, joint in zip(model.names, model.joints, strict=True):
+        if joint.nv > 1:  # the axis of one degree of freedom is constant
+            data = joint.createData(), joint.createData()
+            for each, q in zip(data, places, strict=True):
+                joint.calc(each, q)
+            found += [] if np.allclose(data[0].S, data[1].S) else [name]
+    return found
 
 
 def _check_order(model: pin.Model) -> None:
@@ -127,7 +125,14 @@ class UselessInertia(ModelError):
 
     def __init__(self, what: str, joints: Sequence[Massless]) -> None:
         self.what, self.joints = what, tuple(joints)
-        super().__init__(f"{what}: give the links behind it an inertia")
+        super().__init__(what)
+
+    def _words(self) -> str:
+        masses = {link: mass for each in self.joints for link, mass in each.masses.items()}
+        if not masses:
+            return f"{self.what}: give the links behind it an inertia"
+        several = f"link '{next(iter(masses))}' a mass" if len(masses) == 1 else f"{len(masses)} links masses"
+        return f"{self.what}: give {several} with {argument('masses', masses)}"
 
 
 def check_model_size(model: pin.Model) -> None:
@@ -161,7 +166,9 @@ def check_inertias(model: pin.Model) -> None:
     """
     found = massless(model, {})
     if found:
-        raise UselessInertia(_summary(found), found)
+        names = [f"'{each.joint}'" for each in found if each.idle]
+        several = len(names) == len(found) > 1
+        raise UselessInertia(f"joints {few(names)} move no mass" if several else found[0].message, found)
     impossible, weightless = [], []
     triangle_tolerance = 1e-3  # relative to the largest principal moment: values in files are rounded
     for name, inertia in zip(list(model.names)[1:], list(model.inertias)[1:], strict=True):
@@ -208,25 +215,6 @@ def massless(model: pin.Model, bodies: Mapping[str, Body]) -> tuple[Massless, ..
             found.append(_behind(model, data, q, velocity, bodies))
             _mend(model, found[-1])
     return tuple(found)
-
-
-def _summary(found: Sequence[Massless]) -> str:
-    names = [f"'{each.joint}'" for each in found if each.idle]
-    several = len(names) == len(found) > 1
-    return f"joints {few(names)} move no mass" if several else found[0].message
-
-
-def remedy(joints: Sequence[Massless]) -> str:
-    """Text of the remedy: masses to give.
-
-    Args:
-        joints: joints that need masses.
-    """
-    masses = {link: mass for each in joints for link, mass in each.masses.items()}
-    if not masses:
-        return "give the links behind it an inertia"
-    several = f"link '{next(iter(masses))}' a mass" if len(masses) == 1 else f"{len(masses)} links masses"
-    return f"give {several} with {argument('masses', masses)}"
 
 
 def _check_places(model: pin.Model) -> None:

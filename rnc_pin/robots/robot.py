@@ -21,7 +21,7 @@ from rnc_pin.errors import ModelError, argument, nearest, warn
 from rnc_pin.printing import ObjectSummary, SummaryMixin, counted, items
 from rnc_pin.robots import robot_files
 from rnc_pin.robots.joint_values import JointValue, NamedModel, base_of
-from rnc_pin.robots.model_checks import UselessInertia, check_model, check_model_size, massless, remedy
+from rnc_pin.robots.model_checks import UselessInertia, check_model, check_model_size, massless
 from rnc_pin.robots.sources.description import Closure, Description, Mimic, check_acceleration
 from rnc_pin.robots.sources.urdf import read_urdf
 from rnc_pin.robots.sources.urdf_links import STAND_IN
@@ -48,8 +48,6 @@ class Robot(NamedModel, SummaryMixin):
             [rad or m]; empty for a URDF, whose joints are zero there.
         locked: joint name to value [rad or m] of the locked joints.
         packages: name to folder of the ROS packages that the file names and that were found.
-        far_packages: ``packages`` that were found by ``package_dirs`` or the environment, not in the folders
-            above the file.
         folders: folders whose files the description may name: its own, its packages' and ``package_dirs``.
         source: entry ``robot`` of a scenario file that loads this robot; None for a model that was made otherwise.
 
@@ -80,7 +78,6 @@ class Robot(NamedModel, SummaryMixin):
         self.references: Mapping[str, float] = {}
         self.locked: dict[str, float] = {}
         self.packages: Mapping[str, Path] = {}
-        self.far_packages: Mapping[str, Path] = {}
         self.folders: tuple[Path, ...] = ()
         check_model(model)
 
@@ -181,23 +178,19 @@ class Robot(NamedModel, SummaryMixin):
         if lock:
             change = partial(locked_model, model, dict(lock))
             geometry, (model, _) = partial(_changed_geometry, change, [geometry]), change()
-        try:
-            robot = cls(model)
-        except UselessInertia as error:
-            # The model alone knows no links of the file: with them, the remedy names a mass for each.
-            error.joints = massless(model, read.bodies)
-            error.args = (f"{path}: {error.what}: {remedy(error.joints)}",)
-            raise error from None
-        except ModelError as error:
-            raise error.within(path) from None
+        with ModelError.at(path):
+            try:
+                robot = cls(model)
+            except UselessInertia as error:
+                # The model alone knows no links of the file: with them, the remedy names a mass for each.
+                error.joints = massless(model, read.bodies)
+                raise
         robot._geometry = LazyGeometry(geometry)
         robot._lost = read.lost
         robot.mimics, robot.closures, robot.references = read.mimics, read.closures, read.references
-        for name, value in (lock or {}).items():
-            if np.size(value) == 1:  # mimics refer only to joints with one value
-                robot.locked[name] = float(np.ravel(value)[0])
-        robot.packages, robot.far_packages = read.packages, read.far_packages
-        robot.folders = read.folders
+        # Mimics refer only to joints with one value.
+        robot.locked = {name: float(np.ravel(at)[0]) for name, at in (lock or {}).items() if np.size(at) == 1}
+        robot.packages, robot.folders = read.packages, read.folders
         return robot
 
     @classmethod
@@ -259,7 +252,6 @@ class Robot(NamedModel, SummaryMixin):
         # Of packages with one name, this robot's folder counts, as its gravity does.
         robot.packages = {**other.packages, **self.packages}
         robot.folders = (*self.folders, *other.folders)
-        robot.far_packages = {**other.far_packages, **self.far_packages}
         return robot
 
     def with_masses(self, masses: Mapping[str, LinkMass]) -> Robot:
@@ -282,9 +274,9 @@ class Robot(NamedModel, SummaryMixin):
         """
         if not isinstance(masses, Mapping):
             raise ModelError(f"masses have to be a mapping of links to masses [kg], found {type(masses).__name__}")
-        # A shallow copy shares meshes and records of the file; what masses change is replaced.
+        # A shallow copy shares meshes and records of the file.
         robot, changed = copy(self), self.model.copy()
-        robot.model, robot.locked, robot._geometry = changed, dict(self.locked), copy(self._geometry)
+        robot.model, robot.locked = changed, dict(self.locked)
         links = {frame.name: k for k, frame in enumerate(changed.frames) if frame.type == pin.FrameType.BODY}
         for name, mass in masses.items():
             if name not in links:
@@ -294,8 +286,7 @@ class Robot(NamedModel, SummaryMixin):
             keeper, joint = _keeper(changed, links[name]), frame.parentJoint
             own = _moved_link(changed, joint) if keeper is None else keeper.placement.act(keeper.inertia)
             old = np.array(own.toDynamicParameters())
-            new = _new(name, mass, old, self.name)
-            parameters = frame.placement.act(new).toDynamicParameters() if isinstance(new, pin.Inertia) else new
+            parameters = _new(name, mass, old, frame.placement, self.name)
             whole = np.array(changed.inertias[joint].toDynamicParameters())
             # A single link is scaled exactly, without the rounding errors of a sum and a difference.
             alone = np.abs(whole - old).max() <= _ROUNDING * np.abs(whole).max()
@@ -509,11 +500,12 @@ def _moved_link(model: pin.Model, joint: int) -> pin.Inertia:
     return own
 
 
-def _new(name: str, mass: object, old: np.ndarray, robot: str) -> np.ndarray | pin.Inertia:
+def _new(name: str, mass: object, old: np.ndarray, placement: pin.SE3, robot: str) -> np.ndarray:
+    """Dynamic parameters (10,) of a link with another mass or inertia, in its joint."""
     if isinstance(mass, pin.Inertia):
         if not (mass.mass > 0 and np.isfinite(mass.toDynamicParameters()).all()):
             raise ModelError(f"inertia for link '{name}' has to have a positive mass and finite entries, found {mass}")
-        return mass
+        return np.array(placement.act(mass).toDynamicParameters())
     if isinstance(mass, bool) or not isinstance(mass, int | float | np.integer | np.floating) or not 0 < mass < np.inf:
         raise ModelError(f"mass of link '{name}' has to be positive [kg], or a pinocchio.Inertia, found {mass!r}")
     if not old[0] > _ROUNDING:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import re
 import stat
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cache, lru_cache
 from itertools import islice
 from pathlib import Path
@@ -267,10 +267,14 @@ class Packages:
         """
         return self._recorded(name, self._candidates(name))
 
-    @property
-    def far(self) -> Mapping[str, Path]:
-        """Those of ``found`` that a search only in the folders above the file does not find, or finds elsewhere."""
-        return {name: folder for name, folder in self.found.items() if next(self._near(name), None) != folder}
+    def is_near(self, name: str, folder: Path) -> bool:
+        """True if a search for a package only in the folders above the file finds this folder.
+
+        Args:
+            name: name of the package.
+            folder: folder of the package.
+        """
+        return next(self._near(name), None) == folder
 
     def _candidates(self, name: str) -> list[Path]:
         """Folders that can be this package, the most likely first."""

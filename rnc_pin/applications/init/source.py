@@ -214,7 +214,10 @@ class Source:
         """
         given = [each.resolve() for each in self.options.package_dirs]
         # Packages of ROS_PACKAGE_PATH: the shell that runs the scenario may not have it.
-        far = [each for each in robot.far_packages.values() if not {each, *each.parents} & set(given)]
+        path = urdf_path(self.entry, self.folder) or self.folder
+        near = Packages(path.parent)
+        found = [folder for name, folder in robot.packages.items() if not near.is_near(name, folder)]
+        far = [each for each in found if not {each, *each.parents} & set(given)]
         if given or far:
             folder = self.folder.resolve()
             self.entry["package_dirs"] = [os.path.relpath(each, folder) for each in dict.fromkeys([*given, *far])]
