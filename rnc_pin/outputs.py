@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin._kernel.kernel_rows import Form, KernelRow, Value, attached
-from rnc_pin.errors import ConfigurationError, ConstraintError, nearest
+from rnc_pin.errors import ConfigurationError, ConstraintError, check_known
 from rnc_pin.math.linear_algebra import Entry, apply, components, dot
 from rnc_pin.model.frame_rows import DirectionRows, FrameVelocityRows, WrenchRows, axis_index, evaluated, rate_of
 from rnc_pin.model.input_validation import Axes, Axis
@@ -333,9 +333,7 @@ class FrameAngularVelocity:
     axes: Literal["own", "world"] = "own"
 
     def bind(self, robot: Robot) -> OutputRows:
-        if self.axes not in ("own", "world"):
-            found = nearest(str(self.axes), ["own", "world"])
-            raise ConfigurationError(f"angular velocity of '{self.frame}': axes '{self.axes}' is not known{found}")
+        check_known(self.axes, ["own", "world"], f"angular velocity of '{self.frame}': axes")
         axes, of = (OWN_AXES, "") if self.axes == "own" else (WORLD_AXES, "world_")
         names = [f"{self.frame}_angular_velocity_{of}{self.axis}"]
         return _QuasiVelocityRow(robot, self.frame, [3 + axis_index(self.axis)], names, axes)

@@ -61,7 +61,7 @@ def clipped(values: np.ndarray, limits: np.ndarray | float) -> np.ndarray:
 
 
 def inverse(matrix: np.ndarray) -> np.ndarray:
-    """Inverse of (..., n, n); an exactly singular matrix gives entries that are not finite.
+    """Inverse of (..., n, n); NaN for matrices that are exactly singular.
 
     The inverse of a single matrix is stored by columns, so that a block of columns is contiguous.
 
@@ -69,30 +69,16 @@ def inverse(matrix: np.ndarray) -> np.ndarray:
         matrix: (..., n, n).
     """
     if matrix.ndim > 2:
-        return _each_solved(matrix, _unit(matrix.shape[-1]), np.inf)
+        return _each_solved(matrix, _unit(matrix.shape[-1]))
     found = np.empty(matrix.shape)
     if not _kernel.library.solve(np.ascontiguousarray(matrix), _unit(len(matrix)), 0.0, found):
-        found = _each_solved(matrix, _unit(len(matrix)), np.inf)
+        found = _each_solved(matrix, _unit(len(matrix)))
     return np.asfortranarray(found)
 
 
 @lru_cache
 def _unit(n: int) -> np.ndarray:
     return np.eye(n)
-
-
-def solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solve ``matrix @ x = right`` for (..., n, n) and (..., n); infinite for matrices that are exactly singular.
-
-    Args:
-        matrix: (..., n, n).
-        right: right sides (..., n).
-    """
-    if matrix.ndim == 2 and right.ndim == 1:
-        found = np.empty(right.shape)
-        if _kernel.library.solve(np.ascontiguousarray(matrix), np.ascontiguousarray(right), 0.0, found):
-            return found
-    return _each_solved(matrix, right[..., None], np.inf)[..., 0]
 
 
 def solve_positive_definite(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
@@ -105,16 +91,16 @@ def solve_positive_definite(matrix: np.ndarray, right: np.ndarray) -> np.ndarray
     if matrix.ndim == 2 and right.ndim < 3:
         found = solve_positive_definite_columns(matrix, right.T)
         return np.full_like(right, np.nan) if found is None else found.T
-    return _each_solved(matrix, right[..., None], np.nan)[..., 0]
+    return _each_solved(matrix, right[..., None])[..., 0]
 
 
-def _each_solved(matrix: np.ndarray, columns: np.ndarray, none: float) -> np.ndarray:
-    """Solutions (..., n, k) of many systems, by one call; a number takes the place of solutions that do not exist."""
+def _each_solved(matrix: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Solutions (..., n, k) of many systems, by one call; NaN takes the place of solutions that do not exist."""
     try:
         return np.linalg.solve(matrix, columns)
     except np.linalg.LinAlgError:  # one singular matrix fails the whole call
         batch = np.broadcast_shapes(matrix.shape[:-2], columns.shape[:-2])
-        found = np.full((*batch, *columns.shape[-2:]), none)
+        found = np.full((*batch, *columns.shape[-2:]), np.nan)
         matrices, right = np.broadcast_to(matrix, (*batch, *matrix.shape[-2:])), np.broadcast_to(columns, found.shape)
         for i in np.ndindex(batch):
             with suppress(np.linalg.LinAlgError):

@@ -10,6 +10,7 @@ of the evaluation, the formulas below give all quantities. Else those with ``fil
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import prod
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
@@ -25,7 +26,7 @@ from rnc_pin.model.input_validation import ArrayInput, vector
 from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.reduction_kernel import ReductionKernel
-from rnc_pin.model.rows import rheonomic_names
+from rnc_pin.model.rows import RowStack, rheonomic_names
 from rnc_pin.printing import ObjectSummary, SummaryMixin, counted, described
 
 
@@ -220,11 +221,14 @@ class ConfigurationEvaluation(SummaryMixin):
     def mu(self) -> Float[Array, "*batch m"]:
         """Right-hand side of the constraints, ``A v = mu``."""
         self._check_time()
-        data = self._data
+        return self._of_kept_rows(lambda rows: rows.rate(self.position))
+
+    def _of_kept_rows(self, of: Callable[[RowStack], Array]) -> Array:
+        """Quantity (..., m) or (..., m, nv) of the rows in A: at some states, other rows than the default form A."""
         if self.factorization.kept is None:
-            return data.constraints.rate(self.position)
-        # Other rows than the default form A at some states: mu has to be that of the same rows.
-        return np.take_along_axis(data.rows.rate(self.position), self.kept, axis=-1)
+            return of(self._data.constraints)
+        found, kept = of(self._data.rows), self.kept
+        return np.take_along_axis(found, kept if found.ndim == kept.ndim else kept[..., None], axis=kept.ndim - 1)
 
     @cached_property
     def b(self) -> Float[Array, "*batch nv"]:

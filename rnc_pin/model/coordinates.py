@@ -349,9 +349,8 @@ class PlacementChart:
     def __init__(self, model: pin.Model, center: Float[Array, " nq"]) -> None:
         self._model, self._center = model, np.array(center, dtype=float)
         self._manifold = ConfigurationManifold(model)
-        joints = list(model.joints)[1:]
-        self._planar = [(joint.idx_q, joint.idx_v) for joint in joints if _is(joint, "Planar")]
-        self._free = [(joint.idx_q, joint.idx_v) for joint in joints if _is(joint, "FreeFlyer")]
+        kinds = "JointModelPlanar", "JointModelFreeFlyer"
+        self._bases = [(each.idx_q, each.idx_v, each.nv) for each in model.joints if each.shortname() in kinds]
 
     def coordinates(self, q: Float[Array, "n nq"]) -> Float[Array, "n nv"]:
         """Coordinates of configurations.
@@ -359,14 +358,11 @@ class PlacementChart:
         Args:
             q: configurations (n, nq).
         """
-        center = self._center
-        found = self._manifold.difference(np.broadcast_to(center, q.shape), q)
-        for at, to in self._planar:
-            # Instead of the logarithm of SE(2): the plain displacement, along the axes at the centre.
-            (c, s), shift = center[at + 2 : at + 4], q[:, at : at + 2] - center[at : at + 2]
-            found[:, to : to + 2] = shift @ np.array([[c, -s], [s, c]])
-        for at, to in self._free:
-            found[:, to : to + 3] = (q[:, at : at + 3] - center[at : at + 3]) @ _rotation(center[at + 3 : at + 7])
+        found = self._manifold.difference(np.broadcast_to(self._center, q.shape), q)
+        for at, to, size in self._bases:
+            axes = _base_axes(self._center[at:], size)
+            # Instead of the logarithm of SE(2) or SE(3): the plain displacement, along the axes at the centre.
+            found[:, to : to + len(axes)] = (q - self._center)[:, at : at + len(axes)] @ axes
         return found
 
     def jacobian(self, q: Float[Array, "n nq"]) -> Float[Array, "n nv nv"]:
@@ -377,24 +373,18 @@ class PlacementChart:
         """
         n, nv = len(q), self._manifold.nv
         found = np.array([pin.dDifference(self._model, self._center, each)[1] for each in q]).reshape(n, nv, nv)
-        for at, to in self._planar:
-            c, s = self._center[at + 2 : at + 4]
+        for at, to, size in self._bases:
+            axes = _base_axes(self._center[at:], size)
+            shift = slice(to, to + len(axes))
             # A tangent vector has its translation along the axes at q, which are turned against those at the centre.
-            cosine, sine = q[:, at + 2] * c + q[:, at + 3] * s, q[:, at + 3] * c - q[:, at + 2] * s
-            found[:, to : to + 2, to : to + 3] = 0.0
-            found[:, to, to], found[:, to, to + 1] = cosine, -sine
-            found[:, to + 1, to], found[:, to + 1, to + 1] = sine, cosine
-        for at, to in self._free:
-            back = _rotation(self._center[at + 3 : at + 7]).T
-            found[:, to : to + 3, to : to + 6] = 0.0
-            found[:, to : to + 3, to : to + 3] = [back @ _rotation(each[at + 3 : at + 7]) for each in q]
+            found[:, shift, to : to + size] = 0.0
+            found[:, shift, shift] = [axes.T @ _base_axes(each[at:], size) for each in q]
         return found
 
 
-def _is(joint: pin.JointModel, kind: str) -> bool:
-    return bool(joint.shortname() == f"JointModel{kind}")
-
-
-def _rotation(quaternion: Array) -> Array:
-    """Rotation matrix of a quaternion (x, y, z, w)."""
-    return np.array(pin.Quaternion(quaternion).toRotationMatrix())
+def _base_axes(q: Array, size: int) -> Array:
+    """Axes as columns of a base with 3 or 6 degrees of freedom, whose coordinates come first in q."""
+    if size == 6:
+        return np.array(pin.Quaternion(q[3:7]).toRotationMatrix())
+    cosine, sine = q[2:4]
+    return np.array([[cosine, -sine], [sine, cosine]])

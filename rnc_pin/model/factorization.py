@@ -44,7 +44,7 @@ def factorize(data: ReductionData, position: PositionKinematics) -> Factorizatio
     template = data.template
     E = np.array(np.broadcast_to(template, (*batch, *template.shape))) if batch else template.copy("F")
     data.stack.write_jacobian(position, E)
-    # A singular E gives infinities here and no error: the test below decides.
+    # A singular E gives NaN here and no error: the test below decides.
     E_inverse = inverse(E)
     if not batch:
         # The product of the Frobenius norms bounds the dependence of every row: one cheap test on the hot path. Below

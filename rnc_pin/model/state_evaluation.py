@@ -156,12 +156,8 @@ class StateEvaluation(ConfigurationEvaluation):
     @filled_at_v
     def gamma(self) -> Float[Array, "*batch nv"]:
         """Bias acceleration ``Edot v - [mudot; 0]`` of constraint rows and reducing outputs, at zero ``vdot``."""
-        data = self._data
-        if self.factorization.kept is None:
-            return data.stack.bias_acceleration(self.motion)
-        # Where other rows than the default form A, their biases have to be those of the same rows.
-        chosen = np.take_along_axis(data.rows.bias_acceleration(self.motion), self.kept, axis=-1)
-        return np.concatenate([chosen, data.reducing.bias_acceleration(self.motion)], axis=-1)
+        chosen = self._of_kept_rows(lambda rows: rows.bias_acceleration(self.motion))
+        return np.concatenate([chosen, self._data.reducing.bias_acceleration(self.motion)], axis=-1)
 
     @cached_property
     def residual(self) -> Float[Array, "*batch m"]:
@@ -178,12 +174,8 @@ class StateEvaluation(ConfigurationEvaluation):
     @filled_at_v
     def E_dot(self) -> Float[Array, "*batch nv nv"]:
         """Rate of E."""
-        data = self._data
-        if self.factorization.kept is None:
-            return data.stack.jacobian_dot(self.motion)
-        kept = self.kept[..., None]
-        chosen = np.take_along_axis(data.rows.jacobian_dot(self.motion), kept, axis=-2)
-        return np.concatenate([chosen, data.reducing.jacobian_dot(self.motion)], axis=-2)
+        chosen = self._of_kept_rows(lambda rows: rows.jacobian_dot(self.motion))
+        return np.concatenate([chosen, self._data.reducing.jacobian_dot(self.motion)], axis=-2)
 
     @cached_property
     def A_dot(self) -> Float[Array, "*batch m nv"]:
@@ -218,12 +210,11 @@ class StateEvaluation(ConfigurationEvaluation):
     @cached_property
     def b_dot(self) -> Float[Array, "*batch nv"]:
         """Rate of b."""
-        data = self._data
-        if not data.affine:
+        if not self._data.affine:
             return np.zeros_like(self.b)
         # The derivative of E b = [mu; 0], solved for bdot.
-        mu_dot = np.take_along_axis(data.rows.rate_dot(self.motion), self.kept, axis=-1)
-        return apply(self.E_inverse[..., : data.m], mu_dot) - apply(self.E_inverse, apply(self.E_dot, self.b))
+        mu_dot = self._of_kept_rows(lambda rows: rows.rate_dot(self.motion))
+        return apply(self.E_inverse[..., : self._data.m], mu_dot) - apply(self.E_inverse, apply(self.E_dot, self.b))
 
     def _summary(self) -> ObjectSummary:
         title, lines = super()._summary()
