@@ -23,10 +23,10 @@ from rnc_pin import _kernel
 from rnc_pin.errors import SingularityError
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
-from rnc_pin.model.filled_arrays import CompiledArraysAtQ, CompiledArraysAtV
+from rnc_pin.model.filled_arrays import CompiledArraysAtQ, CompiledArraysAtV, empty_records
 from rnc_pin.model.input_validation import ArrayInput, admit_numbers
 from rnc_pin.model.reduction_data import ReductionData
-from rnc_pin.model.reduction_kernel import ReductionKernel, RunRecords
+from rnc_pin.model.reduction_kernel import ReductionKernel
 from rnc_pin.model.state_evaluation import StateEvaluation
 
 _COMPARED = ("passive_force", "M", "E", "nonlinear_effects", "gamma", "E_dot", "J1", "J1_dot")
@@ -115,13 +115,12 @@ class Evaluator:
             v: full velocity (nv,), which need not satisfy the constraints.
             t: time of rheonomic constraints [s].
         """
-        kernel = self.kernel
-        if kernel is not None and kernel.measures:
+        if self.measures:
             # One call instead of one for each quantity: a tick of a controller needs them all.
-            found, status = kernel.run_records(()), np.array([1.0])
-            kernel.calls.measure(q, v, *found, status, False)
+            status = np.array([1.0])
+            found = self.measured_states(q, v, status, t)
             if status[0]:
-                return self.filled_state(kernel, q, v, found, t)
+                return found
         return StateEvaluation.at(self, q, v=v, t=t)
 
     def sample(self, q: Array, v2: Array, dt: float) -> tuple[StateEvaluation, StateEvaluation] | None:
@@ -146,26 +145,28 @@ class Evaluator:
             start.accelerating_inputs = record["inputs"]
         return start, end
 
-    def filled_state(
-        self, kernel: ReductionKernel, q: Array, v: Array, records: RunRecords, t: float | None = None
+    def measured_states(
+        self, q: Array, v: Array, status: Array, t: float | None = None, kinematics: Array | None = None
     ) -> StateEvaluation:
-        """Evaluation at states (..., nq), (..., nv) from their records, which nobody may change afterwards.
+        """Evaluation at states (..., nq), (..., nv) by one call of the kernel, which has to exist.
 
         Args:
-            kernel: kernel of the reduction.
             q: configurations (..., nq).
             v: full velocities (..., nv) [rad/s or m/s].
-            records: records of these states.
+            status: not zero (...) for states to be measured; it becomes zero where NumPy has to evaluate them.
             t: time of rheonomic constraints [s].
+            kinematics: records of kinematics at q, if known, which nobody may change afterwards.
         """
-        records.rates.setflags(write=False)  # CompiledArraysAtQ protects those at q
-        records.values.setflags(write=False)
-        batch, r = q.shape[:-1], self.data.r
-        kinematics = np.ndarray(batch, kernel.kinematics, records.kinematics)
-        inverse = np.ndarray(batch, kernel.inverse, records.inverse)
-        rates = np.ndarray(batch, kernel.rates, records.rates)
-        values = records.values[..., r:], records.values[..., :r]
-        at_q = CompiledArraysAtQ(kernel, q, None, kinematics, inverse, values)
+        kernel, batch, r = self.kernel, q.shape[:-1], self.data.r
+        assert kernel is not None
+        inverse, rates = (empty_records(batch, each) for each in (kernel.inverse, kernel.rates))
+        known = kinematics is not None
+        placed = np.ndarray(batch, kernel.kinematics, kinematics) if known else empty_records(batch, kernel.kinematics)
+        values = np.empty((*batch, r + self.data.vertical.size))
+        kernel.calls.measure(q, v, placed, inverse, rates, values, status, known)
+        rates.setflags(write=False)  # CompiledArraysAtQ protects those at q
+        values.setflags(write=False)
+        at_q = CompiledArraysAtQ(kernel, q, None, placed, inverse, (values[..., r:], values[..., :r]))
         state = StateEvaluation.at(self, q, v=v, t=t)
         # Set for the state too: its own look-up through the configuration costs a call in each sample.
         state.configuration.arrays_at_q = state.arrays_at_q = at_q

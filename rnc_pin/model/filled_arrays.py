@@ -194,7 +194,7 @@ class CompiledArraysAtQ:
         data = self.kernel.data
         if self.kernel.python_rows or data.affine or not len(along):
             return None
-        rates = _empty_records((len(along), *self.batch), self.kernel.rates)
+        rates = empty_records((len(along), *self.batch), self.kernel.rates)
         for j, record in zip(along, rates.reshape(len(along), -1), strict=True):
             # A column of R is the velocity at which one reducing output moves at unit rate and the others rest.
             v = self.inverse["E_inverse"][..., data.m + j].copy()
@@ -207,7 +207,7 @@ class CompiledArraysAtQ:
         """Record of J1 and A_star; None if a row is undefined."""
         position = self._position
         external = None if position is None else self.kernel.external_vertical.jacobian(position)
-        rows = _empty_records(self.batch, self.kernel.rows)
+        rows = empty_records(self.batch, self.kernel.rows)
         return rows if self._calls.vertical(self.q, self.kinematics, self.inverse, external, rows) else None
 
 
@@ -245,7 +245,7 @@ class CompiledArraysAtV:
         """Record of bias, gamma, its product with E^-1, forces without actuators, and H."""
         at, kernel = self.at_q, self._kernel
         external = None if self._motion is None else kernel.external.bias_acceleration(self._motion)
-        biases = _empty_records(at.batch, kernel.biases)
+        biases = empty_records(at.batch, kernel.biases)
         rates = kernel.rates_at(self._t, at.batch)
         self._calls.biases(at.q, at.kinematics, at.inverse, self._v, external, rates, biases)
         return biases
@@ -306,7 +306,7 @@ class CompiledArraysAtV:
             rows = kernel.external_vertical.jacobian(self._motion)
             external = kernel.external.jacobian_dot(self._motion)
             vertical = kernel.external_vertical.jacobian_dot(self._motion)
-        rates = _empty_records(at.batch, kernel.rates)
+        rates = empty_records(at.batch, kernel.rates)
         arguments = at.q, at.kinematics, at.inverse, self._v, rows, external, vertical, rates
         return rates if self._calls.rates(*arguments) else None
 
@@ -327,8 +327,8 @@ def arrays_at_q(
         return CompiledArraysAtQ(kernel, q, position, known.kinematics, known.inverse)
     external = None if position is None else kernel.external.jacobian(position)
     batch = q.shape[:-1]
-    kinematics = _empty_records(batch, kernel.kinematics) if known is None else known.kinematics
-    inverse = _empty_records(batch, kernel.inverse)
+    kinematics = empty_records(batch, kernel.kinematics) if known is None else known.kinematics
+    inverse = empty_records(batch, kernel.inverse)
     # The kernel tests E as ``factorize`` does; it declines where other rows may have to be selected.
     if not kernel.calls.configure(q, kinematics, inverse, external, known is not None):
         return None
@@ -341,7 +341,7 @@ def _filled(call: Callable[..., bool], shape: tuple[int, ...], *arguments: Array
     return found if call(*arguments, found) else None
 
 
-def _empty_records(shape: tuple[int, ...], record: np.dtype[np.void]) -> Array:
+def empty_records(shape: tuple[int, ...], record: np.dtype[np.void]) -> Array:
     """Records without values; NumPy's ``empty`` takes several times as long for a type with fields.
 
     Args:

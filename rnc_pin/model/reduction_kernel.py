@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -159,16 +158,6 @@ def _placements(data: pin.Data, joints: int) -> Array:
     return np.lib.stride_tricks.as_strided(first, (12, joints), (8, 96))
 
 
-class RunRecords(NamedTuple):
-    """Quantities of states (..., size) each; rows of runs that were not measured are undefined."""
-
-    kinematics: Array
-    inverse: Array
-    rates: Array
-    values: Array
-    """Values of the reducing outputs, then of the vertical ones."""
-
-
 class ReductionKernel:
     """Kernel for the rows, outputs and actuators of a reduction.
 
@@ -184,7 +173,6 @@ class ReductionKernel:
         python_rows: True if there are some.
         python_values: blocks of reducing and of vertical outputs whose values Python evaluates.
         measures: True if one call evaluates all rows and values.
-        measured_sizes: numbers in the records of such a call: kinematics, inverse, rates and values.
         fused: True if the kernel knows all rows of E, all inputs and all forces.
         kinematics, inverse, rows, biases, rates, terms, sample, derivatives: types of records.
     """
@@ -220,7 +208,6 @@ class ReductionKernel:
         self.derivatives = _record(v=(n,), v2_dot=(r,), **by)
         self.python_values = tuple(blocks_valued_by_python(stack, model) for stack in (data.reducing, data.vertical))
         self.measures = not (self.python_rows or any(self.python_values))
-        self.measured_sizes = *(each.itemsize // 8 for each in (self.kinematics, self.inverse, self.rates)), r + k
 
     def _evaluator(
         self, rows: Sequence[KernelRow], passive: Sequence[tuple[KernelRow, KernelForce]]
@@ -247,18 +234,6 @@ class ReductionKernel:
         limits = data.fast_length, data.fast_limit
         shared = workspace.references, workspace.views
         return _kernel.library.Evaluator(layout, *shared, *tables, *matrices, workspace.curved, laws, *limits)
-
-    def run_records(self, batch: tuple[int, ...], kinematics: Array | None = None) -> RunRecords:
-        """Records of measurements without values; kinematics: those of the states, if known.
-
-        Args:
-            batch: leading axes.
-            kinematics: records of kinematics, if known.
-        """
-        first, inverse, rates, values = self.measured_sizes
-        kinematics = np.empty((*batch, first)) if kinematics is None else kinematics
-        others = np.empty((*batch, inverse)), np.empty((*batch, rates)), np.empty((*batch, values))
-        return RunRecords(kinematics, *others)
 
     def refresh(self) -> None:
         """Read the numbers of the constraint rows again, after a parameter of one changed."""

@@ -425,16 +425,13 @@ class StateEvaluation(ConfigurationEvaluation):
         Args:
             v2_dot: reduced accelerations (..., r).
         """
-        robot = self._data.robot
-        # Data of its own: the regressor overwrites what other evaluations have cached.
-        model, data = robot.model, robot.model.createData()
+        robot, model = self._data.robot, self._data.robot.model
         v_dot = self.v_dot(vector(v2_dot, self._data.r, "v2_dot"))
         batch = v_dot.shape[:-1]
         q, v = np.broadcast_to(self.q, (*batch, model.nq)), np.broadcast_to(self.v, (*batch, model.nv))
         # Ten parameters of each body: the first of Pinocchio's joints is the world, without a body.
-        torques = np.empty((*batch, model.nv, 10 * (model.njoints - 1)))
-        for k in np.ndindex(batch):
-            torques[k] = pin.computeJointTorqueRegressor(model, data, q[k], v[k], v_dot[k])
+        shape = model.nv, 10 * (model.njoints - 1)
+        torques = self._data.kinematics.over_states(pin.computeJointTorqueRegressor, shape, q, v, v_dot)
         driven = np.flatnonzero(model.armature)
         # A motor inertia acts on its own joint only, by its acceleration.
         motors = np.eye(model.nv)[:, driven] * v_dot[..., None, driven]

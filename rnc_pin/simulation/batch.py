@@ -140,7 +140,7 @@ class _Batch:
         # The kernel takes a chart of its own for each run: they end at different times.
         self._charts = np.array([_chart(own) for own in self._plants], dtype=object)
         self._errors = tuple(np.array(each) for each in zip(*(start.errors for start in starts), strict=True))
-        self._kinematics = np.empty((len(arguments), kernel.measured_sizes[0]))
+        self._kinematics = np.empty((len(arguments), kernel.kinematics.itemsize // 8))
         self._deficit: Array | None = None
         self._state: State = None
 
@@ -206,10 +206,8 @@ class _Batch:
                 regular[place], v[place] = 1.0, self._plants[self._at[place]].state.v
         # The states keep their configurations, while those of the runs go on.
         q = self._q.copy()
-        found = self._kernel.run_records(q.shape[:-1], self._kinematics)
         # Only regular runs are measured; a run whose state the kernel leaves to NumPy is none afterwards.
-        calls.measure(q, v, *found, regular, True)
-        states = self._reduced.evaluator.filled_state(self._kernel, q, v, found)
+        states = self._reduced.evaluator.measured_states(q, v, regular, kinematics=self._kinematics)
         regular[self._runs[0].stop.stopped(states)] = 0.0
         if (regular == 1.0).all():
             return states
