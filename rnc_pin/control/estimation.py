@@ -20,7 +20,7 @@ from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.controller import Description, elapsed_time, listed
 from rnc_pin.control.feedback import apply_dead_zone
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.math.linear_algebra import apply, solve_positive_definite
+from rnc_pin.math.linear_algebra import apply, solve
 from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.model.evaluator import Evaluator, evaluator_for
 from rnc_pin.model.independence import row_scales
@@ -216,7 +216,7 @@ def adapt(
     step = gain * elapsed
     beyond = apply_dead_zone(error, dead_zone)
     # Implicit Euler: p moves at most to where the error is zero, whatever alpha and the period are.
-    correction = solve_positive_definite(np.eye(len(error)) + step * W @ W.T, step * beyond).dot(W)
+    correction = solve(np.eye(len(error)) + step * W @ W.T, step * beyond).dot(W)
     return np.minimum(np.maximum(p + correction, low), high)
 
 

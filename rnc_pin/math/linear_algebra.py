@@ -81,6 +81,20 @@ def _unit(n: int) -> np.ndarray:
     return np.eye(n)
 
 
+def solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solve ``matrix @ x = right`` for (..., n, n) and (..., n); NaN for matrices that are exactly singular.
+
+    Args:
+        matrix: (..., n, n).
+        right: right sides (..., n).
+    """
+    if matrix.ndim == 2 and right.ndim == 1:
+        found = np.empty(right.shape)
+        if _kernel.library.solve(np.ascontiguousarray(matrix), np.ascontiguousarray(right), 0.0, found):
+            return found
+    return _each_solved(matrix, right[..., None])[..., 0]
+
+
 def solve_positive_definite(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Solve ``matrix @ x = right`` for symmetric positive definite (..., n, n) and (..., n); NaN for singular ones.
 
