@@ -16,7 +16,7 @@ from rnc_pin.model.generalized_forces import ForceGradient, PassiveForce, admit_
 from rnc_pin.model.input_validation import Numbers, Positive, Vector
 from rnc_pin.model.kinematics import OWN_AXES, WORLD_AXES, PositionKinematics, VelocityKinematics
 from rnc_pin.model.rows import OutputKind
-from rnc_pin.model.user_functions import UserFunction, gradient_with_error, vector_gradient_with_error
+from rnc_pin.model.user_functions import UserFunction, gradient_with_error, slopes_with_error
 from rnc_pin.robots.robot import Robot
 
 __all__ = ["Damper", "ForceFunction", "SmoothFriction", "Spring", "Wrench"]
@@ -278,5 +278,5 @@ class _ForceFunction(PassiveForce):
     def gradient(self, at: VelocityKinematics, along: VelocityKinematics) -> ForceGradient:
         # A function of the user has no closed form: differences, with an estimate of their error.
         by_q, one = gradient_with_error(self._model, lambda p: self._function(p, at.v), at.q)
-        by_v, other = vector_gradient_with_error(lambda w: self._function(at.q, w), at.v)
+        by_v, other = slopes_with_error(lambda by: self._function(at.q, at.v + by), len(at.v))
         return ForceGradient(by_q, by_v, max(one, other))

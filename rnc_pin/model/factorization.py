@@ -41,7 +41,7 @@ def factorize(data: ReductionData, position: PositionKinematics) -> Factorizatio
     """
     batch = position.q.shape[:-1]
     # Constant rows are copied from the template, and only the others are evaluated.
-    template = data.template
+    template = data.stack.template(data.n)
     E = np.array(np.broadcast_to(template, (*batch, *template.shape))) if batch else template.copy("F")
     data.stack.write_jacobian(position, E)
     # A singular E gives NaN here and no error: the test below decides.

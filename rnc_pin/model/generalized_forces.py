@@ -144,47 +144,43 @@ class Actuation:
 
     def _read_list(self, actuators: list[Actuator], robot: Robot) -> None:
         self._constant = np.zeros((robot.nv, len(actuators)))
-        self.limits = np.full(len(actuators), np.inf)
-        names, units = list[str](), list[str]()
-        for column, actuator in enumerate(actuators):
-            if isinstance(actuator, FrameForce | FrameTorque):
-                # Rows of a frame's Jacobian: linear ones first, then angular.
-                offset, word = (0, "force") if isinstance(actuator, FrameForce) else (3, "torque")
-                row = offset + axis_index(actuator.axis)
-                self.frames.append((column, robot.frame_id(actuator.frame), row))
-                name, unit = f"{word}({actuator.frame}.{actuator.axis})", "N m" if offset else "N"
-                limit = actuator.limit
-            elif isinstance(actuator, OpenDifferential):
-                if isinstance(actuator.joints, str) or len(set(actuator.joints)) < 2:
-                    raise ConstraintError(f"a differential needs two joints or more, found {actuator.joints!r}")
-                remedy = "a differential drives those with one"
-                places = [robot.single_joint(each, remedy).idx_v for each in actuator.joints]
-                # The sum of the torques of the joints is the torque of the motor.
-                self._constant[places, column] = 1.0 / len(places)
-                name, unit, limit = f"differential({', '.join(actuator.joints)})", "N m", actuator.limit
-            elif isinstance(actuator, str):
-                index = robot.velocity_indices(actuator)
-                if index.stop - index.start != 1:
-                    raise ModelError(
-                        f"actuator '{actuator}' is a joint of several degrees of freedom: "
-                        "use FrameForce and FrameTorque on the link that it moves"
-                    )
-                self._constant[index.start, column] = 1.0
-                # Zero is no limit here: nothing is clipped to it. For the verdict it can be a limit (limit_replay).
-                stated = float(robot.model.upperEffortLimit[index.start])
-                slides = robot.model.joints[robot.joint_id(actuator)].shortname().startswith("JointModelP")
-                name, unit, limit = actuator, "N" if slides else "N m", stated if 0 < stated < NO_LIMIT else np.inf
-            else:
-                raise ConstraintError(
-                    f"actuator {actuator!r} has the wrong type: expected a joint's name, FrameForce, "
-                    "FrameTorque or OpenDifferential"
-                )
-            names.append(name)
-            units.append(unit)
-            self.limits[column] = limit
+        found = [self._read_one(column, each, robot) for column, each in enumerate(actuators)]
+        self.names, self.units = tuple(name for name, *_ in found), tuple(unit for _, unit, _ in found)
+        self.limits = np.array([limit for *_, limit in found])
         # Inputs are found by name in messages, limits and records: two with one name could not be told apart.
-        check_unique(names, "duplicate actuator", ConstraintError)
-        self.names, self.units = tuple(names), tuple(units)
+        check_unique(self.names, "duplicate actuator", ConstraintError)
+
+    def _read_one(self, column: int, actuator: Actuator, robot: Robot) -> tuple[str, str, float]:
+        """Set a column of B; return the name, the unit and the limit of its input."""
+        if isinstance(actuator, FrameForce | FrameTorque):
+            # Rows of a frame's Jacobian: linear ones first, then angular.
+            offset, word, unit = (0, "force", "N") if isinstance(actuator, FrameForce) else (3, "torque", "N m")
+            self.frames.append((column, robot.frame_id(actuator.frame), offset + axis_index(actuator.axis)))
+            return f"{word}({actuator.frame}.{actuator.axis})", unit, actuator.limit
+        if isinstance(actuator, OpenDifferential):
+            if isinstance(actuator.joints, str) or len(set(actuator.joints)) < 2:
+                raise ConstraintError(f"a differential needs two joints or more, found {actuator.joints!r}")
+            remedy = "a differential drives those with one"
+            places = [robot.single_joint(each, remedy).idx_v for each in actuator.joints]
+            # The sum of the torques of the joints is the torque of the motor.
+            self._constant[places, column] = 1.0 / len(places)
+            return f"differential({', '.join(actuator.joints)})", "N m", actuator.limit
+        if isinstance(actuator, str):
+            index = robot.velocity_indices(actuator)
+            if index.stop - index.start != 1:
+                raise ModelError(
+                    f"actuator '{actuator}' is a joint of several degrees of freedom: "
+                    "use FrameForce and FrameTorque on the link that it moves"
+                )
+            self._constant[index.start, column] = 1.0
+            # Zero is no limit here: nothing is clipped to it. For the verdict it can be a limit (limit_replay).
+            stated = float(robot.model.upperEffortLimit[index.start])
+            slides = robot.model.joints[robot.joint_id(actuator)].shortname().startswith("JointModelP")
+            return actuator, "N" if slides else "N m", stated if 0 < stated < NO_LIMIT else np.inf
+        raise ConstraintError(
+            f"actuator {actuator!r} has the wrong type: expected a joint's name, FrameForce, "
+            "FrameTorque or OpenDifferential"
+        )
 
     @property
     def stated_limits(self) -> dict[str, float]:

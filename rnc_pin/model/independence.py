@@ -152,7 +152,7 @@ def row_scales(robot: Robot, rows: RowStack, reducing: OutputStack, configuratio
         reducing: reducing outputs.
         configurations: configurations (count, nq).
     """
-    stack = RowStack.joined(rows, reducing)
+    stack = RowStack.of([*rows.places, *reducing.places])
     found = [np.linalg.norm(jacobian, axis=-1) for _, jacobian in defined_jacobians(stack, robot, configurations)]
     lengths = np.array(found) if found else np.zeros((1, stack.size))
     # A row of rounding, e.g. out of the plane of a planar loop, must not count as a short one.

@@ -345,8 +345,8 @@ class VelocityKinematics(PositionKinematics):
 
     def _gradient(self, v: np.ndarray, w: np.ndarray) -> np.ndarray:
         """Derivative (..., nv, nv) of the inverse dynamics at velocities and accelerations (..., nv)."""
-        nv = self._at.nv
-        return self._at.over_states(_inverse_dynamics_gradient, (nv, nv), self.q, v, w)
+        nv, by_q = self._at.nv, lambda *state: pin.computeRNEADerivatives(*state)[0]
+        return self._at.over_states(by_q, (nv, nv), self.q, v, w)
 
     @cached_property
     def _rates(self) -> _Quantities:
@@ -496,12 +496,6 @@ def _frame_gradients(model: pin.Model, data: pin.Data, frame: int) -> np.ndarray
     return np.stack([turn @ (gradient - pin.skew(vector) @ twist) for vector, gradient in own]).reshape(2, 6, -1)
 
 
-def _inverse_dynamics_gradient(
-    model: pin.Model, data: pin.Data, q: np.ndarray, v: np.ndarray, w: np.ndarray
-) -> np.ndarray:
-    return pin.computeRNEADerivatives(model, data, q, v, w)[0].reshape(model.nv, model.nv).copy()  # it is a view
-
-
 def over_states(function: Callable[..., object], shape: tuple[int, ...], *arrays: np.ndarray) -> np.ndarray:
     """Apply a function of single states over the leading axes of arrays (..., size); return (..., *shape).
 
@@ -512,7 +506,8 @@ def over_states(function: Callable[..., object], shape: tuple[int, ...], *arrays
     """
     batch = arrays[0].shape[:-1]
     if not batch:
-        return np.array(function(*arrays), dtype=float)  # the function may use its memory again
+        # The function may use its memory again, and Pinocchio returns matrices with one column as vectors.
+        return np.array(function(*arrays), dtype=float).reshape(shape)
     out = np.empty((*batch, *shape))
     for i in np.ndindex(batch):
         out[i] = function(*(each[i] for each in arrays))

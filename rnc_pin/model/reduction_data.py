@@ -47,7 +47,7 @@ class ReductionData:
     @cached_property
     def stack(self) -> RowStack:
         """Rows of E."""
-        return RowStack.joined(self.constraints, self.reducing)
+        return RowStack.of([*self.constraints.places, *self.reducing.places])
 
     @cached_property
     def n(self) -> int:
@@ -83,11 +83,6 @@ class ReductionData:
     def turning(self) -> bool:
         """True if configurations need the time."""
         return self.rows.turning and self.rheonomic
-
-    @cached_property
-    def template(self) -> np.ndarray:
-        """E with the values of its constant rows; do not write to it."""
-        return self.stack.template(self.n)
 
     @cached_property
     def constraint_scales(self) -> np.ndarray:

@@ -442,11 +442,6 @@ class RowStack:
         whole._take((block, where.stop - where.start, rows) for block, where, rows in places)
         return whole
 
-    @classmethod
-    def joined(cls, *stacks: RowStack) -> RowStack:
-        """Concatenate several stacks."""
-        return cls.of(place for stack in stacks for place in stack.places)
-
     def template(self, nv: int) -> np.ndarray:
         """Matrix (size, nv), stored by columns, with the values of the constant rows; do not write to it.
 

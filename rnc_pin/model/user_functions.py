@@ -74,17 +74,19 @@ def gradient_with_error(model: pin.Model, field: Field, q: Array) -> tuple[Array
         field: function of one configuration.
         q: configuration (nq,).
     """
-    return _with_error(lambda step: gradient(model, field, q, step))
+    return slopes_with_error(lambda by: field(pin.integrate(model, q, by)), model.nv)
 
 
-def vector_gradient_with_error(field: Field, x: Array) -> tuple[Array, float]:
-    """Derivatives (..., n) of ``field(x)`` at a vector x (n,), and their error as in ``gradient_with_error``.
+def slopes_with_error(field: Field, n: int) -> tuple[Array, float]:
+    """Derivatives (..., n) of a function of displacements (n,) at zero, and their error as in ``gradient_with_error``.
 
     Args:
-        field: function of one vector.
-        x: the vector.
+        field: function of a displacement.
+        n: its size.
     """
-    return _with_error(lambda step: _slopes(lambda by: field(x + by), len(x), step))
+    # The error of order eight falls by 256 with half the step: the difference is that of the coarse one.
+    coarse, fine = _slopes(field, n, 0.8 * STEP), _slopes(field, n, 0.4 * STEP)
+    return fine, float(np.abs(fine - coarse).max(initial=0.0))
 
 
 def _slopes(field: Field, n: int, step: float) -> Array:
@@ -94,13 +96,6 @@ def _slopes(field: Field, n: int, step: float) -> Array:
         return central_difference(lambda s: field(s * unit), step)
 
     return np.stack([along(unit) for unit in np.eye(n)], axis=-1)
-
-
-def _with_error(at_step: Callable[[float], Array]) -> tuple[Array, float]:
-    """Derivatives by a step, and their difference from those by twice the step."""
-    # The error of order eight falls by 256 with half the step: the difference is that of the coarse one.
-    coarse, fine = at_step(0.8 * STEP), at_step(0.4 * STEP)
-    return fine, float(np.abs(fine - coarse).max(initial=0.0))
 
 
 class UserFunction:

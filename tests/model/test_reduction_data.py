@@ -24,7 +24,9 @@ def test_a_reduction_is_put_together_again_in_other_velocities():
     assert (parts.n, parts.m, parts.r, parts.p, parts.has_alternatives) == (4, 2, 2, 1, True)
     assert (parts.fast_limit, parts.fast_length) == (pytest.approx(1e6), pytest.approx(25.0 + 0.25 + 4.0 + 16.0))
     np.testing.assert_array_equal(parts.lengths, [5.0, 0.5, 2.0, 4.0])
-    np.testing.assert_array_equal(parts.template, [*rows[0].matrix[:1], *rows[1].matrix, *np.eye(4)[[1, 3]]])
+    np.testing.assert_array_equal(
+        parts.stack.template(parts.n), [*rows[0].matrix[:1], *rows[1].matrix, *np.eye(4)[[1, 3]]]
+    )
     W = np.array([[0.6, 0, 0.8, 0], [0, 1.0, 0, 0]])
     for other, names, matrix, sizes, free in (
         (parts.in_velocities(W), ("w[0]", "w[1]"), W, [1.0, 1.0], False),
@@ -34,7 +36,7 @@ def test_a_reduction_is_put_together_again_in_other_velocities():
     ):
         assert (other.reducing.names, other.free, other.kept) == (names, free, (0, 2))
         assert (other.reducing.quasi.tolist(), other.reducing.units) == ([True, True], ("", ""))
-        np.testing.assert_array_equal(other.template[2:], matrix)
+        np.testing.assert_array_equal(other.stack.template(other.n)[2:], matrix)
         np.testing.assert_array_equal(other.lengths, [5.0, 0.5, *sizes])
         assert (other.kinematics, other.singularity_limit) == (parts.kinematics, 1e5)
         assert (other.vertical, other.actuation, other.rows) == (vertical, parts.actuation, parts.rows)
