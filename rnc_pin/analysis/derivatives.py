@@ -143,7 +143,7 @@ def _at_one_state(reduced: ReducedModel, state: StateEvaluation, T: Array) -> St
         return _by_differences(reduced, state, T)
     q, v, n, m, v2_dot = state.q, state.v, reduced.n, reduced.m, state.v2_dot(T)
     w = state.v_dot(v2_dot)
-    rows = RowStack.joined(reduced.constraints, reduced.reducing)
+    rows = reduced.reduction_data.stack
     time = reduced.reduction_data.kinematics.time if state.t is None else float(np.asarray(state.t))
     kinematics = Kinematics(reduced.robot, time)
     # Rates along the n unit velocities are the derivatives by q: one batch gives the whole tensor.

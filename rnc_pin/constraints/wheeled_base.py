@@ -122,7 +122,8 @@ class WheeledBase:
         self._others = np.setdiff1d(np.arange(reduced.n), self.base)
         self.length = 1.0
         self._own = reduced.all_constraints.size
-        self._use(RowStack.joined(reduced.all_constraints, missing_lateral_rows(reduced)), samples)
+        places = [*reduced.all_constraints.places, *missing_lateral_rows(reduced).places]
+        self._use(RowStack.of(places), samples)
         self.length = self._lever(np.ones(len(self._scales), dtype=bool))  # for tolerances
         self._find_pivots(samples)
         self.length = self._lever(self._belongs) if length is None else float(length)

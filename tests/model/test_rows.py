@@ -24,7 +24,8 @@ def test_a_stack_of_some_rows_is_what_its_blocks_say_one_by_one(generator):
         stack, chosen = RowStack(blocks, kept), list(range(8)) if kept is None else kept
         names = [name for block in blocks for name in block.names]
         assert (stack.names, stack.size) == (tuple(names[row] for row in chosen), len(chosen))
-        joined = RowStack.joined(RowStack([fixed]), stack, RowStack([wheels[0]], [1]))
+        stacks = RowStack([fixed]), stack, RowStack([wheels[0]], [1])
+        joined = RowStack.of(place for each in stacks for place in each.places)
         assert joined.names == ("p", "q", *stack.names, names[1])
         assert joined.units == ("N", "kg", *stack.units, "m/s")
         assert joined.holonomic == (False, True, *stack.holonomic, False)
