@@ -106,18 +106,6 @@ def _check_draw(row: Row, draws: SeededDraws) -> None:
             raise ValueError(f"{name}: run {row['run']} of this sweep draws {value}, found {short_text(row.get(name))}")
 
 
-def append_row(file: BufferedRandom, row: Row) -> None:
-    """Append the row of a finished run, which a kill of this process does not undo.
-
-    Args:
-        file: file of the finished runs, at its end.
-        row: the row.
-    """
-    # One write: a kill leaves whole lines, and at most one torn line, which is cut off later.
-    file.write(json.dumps(row).encode() + b"\n")
-    file.flush()
-
-
 def _cut_off_torn_line(file: BufferedRandom) -> None:
     """Cut off an incomplete last line, so that the next one begins on a line of its own."""
     size = file.seek(0, os.SEEK_END)
@@ -242,29 +230,25 @@ def sweep_folder(path: Path, specification: Specification, force: bool) -> Itera
 
 def _check_same(path: Path, earlier: Specification, now: Specification) -> None:
     """Raise an error unless a folder holds the same sweep, with at most as many runs."""
-    for key in dict.fromkeys([*now, *earlier]):
-        # More runs continue a sweep: each run has its own stream, so the first ones stay as they are.
-        if key != "runs" and earlier.get(key) != now.get(key):
-            # One place and not both files: that is what a user has to change back.
-            place, old, new = _difference(key, earlier.get(key), now.get(key))
-            raise ConfigurationError(
-                f"--out {path}: holds another sweep: its {place} is {short_text(old)}, not {short_text(new)}; choose "
-                "another folder or add --force"
-            )
+    hint = "choose another folder or add --force"
+    # More runs continue a sweep: each run has its own stream, so the first ones stay as they are.
+    for place, old, new in _differences("", {**earlier, "runs": None}, {**now, "runs": None}):
+        # One place and not both files: that is what a user has to change back.
+        found = f"its {place} is {short_text(old)}, not {short_text(new)}"
+        raise ConfigurationError(f"--out {path}: holds another sweep: {found}; {hint}")
     if earlier["runs"] is not None and now["runs"] is not None and now["runs"] < earlier["runs"]:
         raise ConfigurationError(
-            f"--out {path}: holds a sweep of {earlier['runs']} runs, more than {now['runs']}; choose another folder or "
-            "add --force"
+            f"--out {path}: holds a sweep of {earlier['runs']} runs, more than {now['runs']}; {hint}"
         )
 
 
-def _difference(place: str, old: object, new: object) -> tuple[str, object, object]:
-    """First difference of two contents: its place, and both values."""
+def _differences(place: str, old: object, new: object) -> Iterator[tuple[str, object, object]]:
+    """Differences of two contents: place, and both values."""
     if isinstance(old, Mapping) and isinstance(new, Mapping):
         for key in dict.fromkeys([*new, *old]):
-            if old.get(key) != new.get(key):
-                return _difference(f"{place}.{key}", old.get(key), new.get(key))
-    return place, old, new
+            yield from _differences(f"{place}.{key}" if place else key, old.get(key), new.get(key))
+    elif old != new:
+        yield place, old, new
 
 
 def _clean(path: Path, everything: bool) -> None:
@@ -352,7 +336,7 @@ class SweepResults(SummaryMixin):
         if kinds in ({int}, {bool}):
             return np.array(values)
         # A missing number is NaN; a column of texts or mixed values stays as it is.
-        if kinds - {type(None)} and kinds <= {int, float, type(None)}:
+        if kinds <= {int, float, type(None)}:
             return np.array(values, dtype=float)
         return np.fromiter(values, dtype=object, count=len(values))
 
@@ -486,23 +470,18 @@ def sweep_statistics(results: SweepResults) -> SweepStatistics:
     for name in results.columns:
         if name.startswith("final_error."):
             # Errors of a run that ended early are those of a moment on the way.
-            values = _numbers(results, name)[results["outcome"] == "completed"]
+            values = results[name][results["outcome"] == "completed"]
             values = values[~np.isnan(values)]
             if len(values):
                 median, high, largest = np.quantile(values, (0.5, 0.95, 1.0)).tolist()
                 errors[name.removeprefix("final_error.")] = {"median": median, "95 %": high, "max": largest}
     return {
         "runs": len(results),
-        "redrawn": int(np.nansum(_numbers(results, "redrawn"))) if "redrawn" in results.columns else 0,
+        "redrawn": int(np.nansum(results["redrawn"])) if "redrawn" in results.columns else 0,
         "outcomes": results.outcomes,
         "verdicts": results.verdicts,
         "final_error": errors,
     }
-
-
-def _numbers(results: SweepResults, column: str) -> np.ndarray:
-    """Column of results that are numbers; a column without any is NaN."""
-    return np.asarray(results[column], dtype=float)
 
 
 def failure_lines(results: SweepResults, row: Row) -> Iterator[str]:

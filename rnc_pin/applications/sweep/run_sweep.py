@@ -22,7 +22,6 @@ from joblib import Parallel, cpu_count, delayed, parallel_config
 from rnc_pin._kernel import kernel
 from rnc_pin.applications.sweep.results import (
     SweepResults,
-    append_row,
     describe_function,
     describe_scenario,
     read_rows,
@@ -125,16 +124,14 @@ def sweep(
             missing = ((run, None) for run in range(draws.runs) if run not in finished)
         else:
             missing = _missing(draws, finished, path, arrays=isinstance(runs, FunctionRuns))
+        tell = (lambda done, count: None) if progress is None else progress
+        tell(len(finished), count)
         with closing(_rows(runs, missing, jobs)) as rows:
-            done = len(finished)
-            while True:
-                if progress is not None:
-                    progress(done, count)
-                row = next(rows, None)
-                if row is None:
-                    break
-                append_row(file, row)
-                done += 1
+            for done, row in enumerate(rows, start=len(finished) + 1):
+                # One write: a kill leaves whole lines, and at most one torn line, which is cut off later.
+                file.write(json.dumps(row).encode() + b"\n")
+                file.flush()
+                tell(done, count)
         results = SweepResults(path)
         write_reports(results)
     return results

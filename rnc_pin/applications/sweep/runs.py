@@ -46,10 +46,8 @@ TEXTS = ("outcome", "verdict", "finding", "message")
 _MEASURED = (
     "min_singular_value", "constraint_residual_max", "position_residual_max", "energy_drift", "off_tracking_max",
 )  # fmt: skip
-_NUMBERS = (
-    "run", "redrawn", "duration", *_MEASURED, "goals_missed", "lowest_normal_force", "smallest_distance",
-    "smallest_own_distance", "wall_time",
-)  # fmt: skip
+_DISTANCES = ("smallest_distance", "smallest_own_distance")
+_NUMBERS = ("run", "redrawn", "duration", *_MEASURED, "goals_missed", "lowest_normal_force", *_DISTANCES, "wall_time")
 
 
 def is_number_column(column: str) -> bool:
@@ -85,8 +83,7 @@ def results_of(summary: Summary) -> Row:
     Args:
         summary: summary of the run, as ``rnc-pin run`` writes it.
     """
-    found, lift_off, nearest = cast("Row", summary), summary["lift_off"], summary.get("smallest_distance")
-    between_links = summary.get("smallest_own_distance")
+    found, lift_off = cast("Row", summary), summary["lift_off"]
     first = summary.get("first_finding", {"kind": "", "message": ""})
     return {
         "outcome": summary["outcome"],
@@ -98,8 +95,7 @@ def results_of(summary: Summary) -> Row:
         **{name: found[name] for name in _MEASURED if name in found},
         "goals_missed": len(summary.get("goals_missed", ())),
         "lowest_normal_force": None if lift_off is None else lift_off["lowest"],
-        "smallest_distance": None if nearest is None else nearest["distance"],
-        "smallest_own_distance": None if between_links is None else between_links["distance"],
+        **{name: found[name]["distance"] if found.get(name) else None for name in _DISTANCES},
         **{f"{LIMITS}.{kind}": worst["excess"] for kind, worst in summary.get("joint_limits", {}).items()},
     }
 
@@ -338,14 +334,13 @@ class ScenarioRuns(Runs):
         """Files from which robots and obstacles are read: includes, meshes, pictures of maps, parts of an MJCF."""
         drawn = {} if self.draws is None else self.draws.distributions
         # Drawn parts of the robot read files as well.
-        given = [{}, *({key: value} for key, each in drawn.items() for value in each.examples())]
+        parts = {key: each for key, each in drawn.items() if key.partition(".")[0] in (*_STRUCTURE, "obstacles")}
         read: set[Path] = set()
-        for options in given:
-            if not options or next(iter(options)).partition(".")[0] in (*_STRUCTURE, "obstacles"):
-                with recorded_reads() as found, suppress(RncError):  # runs tell what is wrong
-                    made = self._file.with_options({**self._options, **options})
-                    _ = self._model(made).reduced.robot.collision_model, made.obstacles
-                read |= found
+        for options in ({}, *({key: value} for key, each in parts.items() for value in each.examples())):
+            with recorded_reads() as found, suppress(RncError):  # runs tell what is wrong
+                made = self._file.with_options({**self._options, **options})
+                _ = self._model(made).reduced.robot.collision_model, made.obstacles
+            read |= found
         return {path for path in read if path.name != "package.xml"}  # read once in a process
 
     def options_of(self, run: int, drawn: Draw) -> dict[str, Json]:
@@ -368,7 +363,8 @@ class ScenarioRuns(Runs):
             options = self.options_of(run, drawn)
             row = {**drawn, "seed": options["seed"], "redrawn": redrawn}
             try:
-                scenario = self._scenario(options)
+                scenario = self._file.with_options(options)
+                scenario = scenario.built_with(model=self._model(scenario)).build()
             except (InfeasibleError, SingularityError) as error:
                 # What preflight, gains or a plan refuse is drawn again; any other error is a result.
                 failure: RncError = error
@@ -383,12 +379,8 @@ class ScenarioRuns(Runs):
             return {**row, "warnings": "; ".join(told), **_judged(result.trajectory, result.summary)}
         return {**row, **refused("infeasible", failure)}
 
-    def _scenario(self, options: Mapping[str, Json]) -> Scenario:
-        """Build the objects of a run. Runs of this process with the same system and outputs share their model."""
-        made = self._file.with_options(options)
-        return made.built_with(model=self._model(made)).build()
-
     def _model(self, scenario: Scenario) -> BuiltModel:
+        """Model of a scenario, which runs of this process with the same system and outputs share."""
         # What changes the model; other options leave it as it is.
         key = json.dumps([scenario.raw.get(each) for each in _STRUCTURE], default=repr)
         most = 8  # models that a process keeps; structures of a sweep are few, but a model is large
