@@ -167,9 +167,11 @@ def run_and_report(
     # The folder replaces files of these names, and no others.
     with uninterrupted(), OutputFolder(folder, force, result_names(scenario)) as target:
         result = simulated()
-        drawn = _kept(scenario, result, target, as_json)
-    if drawn is None:
-        return messages.FAILED
+        try:
+            drawn = _kept(scenario, result, target, as_json)
+        except RncError as error:  # the scenario is valid, but its results cannot be written
+            messages.complain(str(error))
+            return messages.FAILED
     if drawn.failures:
         messages.warn(str(drawn))
     if as_json:
@@ -180,32 +182,27 @@ def run_and_report(
         part = f", {spent:.1f} s of it for the simulation" if spent else ""
         console.print(f"done in {messages.seconds_since_start():.1f} s{part}", highlight=False)
     where = f"results so far are in {folder}"
-    if report_findings(result.trajectory.verdict, where, " in summary.json", told) == messages.FAILED:
-        return messages.FAILED
+    status = report_findings(result.trajectory.verdict, where, " in summary.json", told)
     # Behind the verdict: a failure says more than that its pictures are missing.
-    if result.interrupted or drawn.interrupted:
+    if status == messages.DONE and (result.interrupted or drawn.interrupted):
         messages.complain(f"interrupted; {where}")
         return messages.FAILED
-    return messages.DONE
+    return status
 
 
-def _kept(scenario: Scenario, result: Result, target: OutputFolder, as_json: bool) -> Drawn | None:
-    """Write a run, print its summary, and draw its pictures last. None if they cannot be written, after the error."""
-    try:
-        with target.writing() as fresh:
-            files = write(scenario, result, fresh)
-        # From here on the numbers are safe, whatever happens to the pictures.
-        target.keep_so_far()
-        if not as_json:
-            print_summary(result.summary)
-        names = picture_names(scenario)
-        text = f"{scenario.name}: drawing {len(names)} pictures"
-        # Pictures come last: results are in place even if drawing is interrupted.
-        with target.writing() as fresh, progress_bar(len(names), text, as_json) as bar:
-            drawn = draw_pictures(scenario, result, fresh, bar)
-        target.keep()
-    except RncError as error:  # the scenario is valid, but its results cannot be written
-        messages.complain(str(error))
-        return None
+def _kept(scenario: Scenario, result: Result, target: OutputFolder, as_json: bool) -> Drawn:
+    """Write a run, print its summary, and draw its pictures last."""
+    with target.writing() as fresh:
+        files = write(scenario, result, fresh)
+    # From here on the numbers are safe, whatever happens to the pictures.
+    target.keep_so_far()
+    if not as_json:
+        print_summary(result.summary)
+    names = picture_names(scenario)
+    text = f"{scenario.name}: drawing {len(names)} pictures"
+    # Pictures come last: results are in place even if drawing is interrupted.
+    with target.writing() as fresh, progress_bar(len(names), text, as_json) as bar:
+        drawn = draw_pictures(scenario, result, fresh, bar)
+    target.keep()
     result.summary["files"] = [*files, *drawn.written]
     return drawn

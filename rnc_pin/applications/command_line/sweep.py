@@ -10,7 +10,7 @@ import click
 from rnc_pin.applications.command_line.messages import DONE, FAILED, complain, print_json
 from rnc_pin.applications.command_line.report import print_object, progress_bar
 from rnc_pin.applications.scenario.files import parse_options
-from rnc_pin.applications.sweep import SweepResults, sweep
+from rnc_pin.applications.sweep import sweep
 from rnc_pin.applications.sweep.results import SUCCESSFUL, failure_lines, sweep_statistics
 from rnc_pin.errors import SimulationError
 
@@ -57,13 +57,8 @@ def sweep_scenario(
     else:
         print_object(results, f"{scenario}: {len(results)} runs")
         click.echo(f"in {out}: runs.jsonl, sweep.json")
-        _print_failures(results, runs - succeeded)
+        for row in islice(results.failures(), _SHOWN):
+            click.echo("\n".join(failure_lines(results, row)))
+        if runs - succeeded > _SHOWN:
+            click.echo(f"# and {runs - succeeded - _SHOWN} more in {results.path / 'failures.txt'}")
     return DONE if succeeded == runs else FAILED
-
-
-def _print_failures(results: SweepResults, count: int) -> None:
-    for row in islice(results.failures(), _SHOWN):
-        for line in failure_lines(results, row):
-            click.echo(line)
-    if count > _SHOWN:
-        click.echo(f"# and {count - _SHOWN} more in {results.path / 'failures.txt'}")

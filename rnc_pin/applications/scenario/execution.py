@@ -210,22 +210,20 @@ def draw_pictures(scenario: Scenario, result: Result, folder: Path, progress: Sh
             progress(number, name)
         # One after the other and on its own: labels and fonts are a user's, and may fail in one picture.
         try:
-            found = _drawn(scenario, result, folder / name)
+            if _drawn(scenario, result, folder / name):
+                written.append(name)
         except KeyboardInterrupt:
             return Drawn(written, failures, interrupted=True)
-        if isinstance(found, str):
-            failures[name] = found
-        elif found:
-            written.append(name)
+        except Exception as error:
+            kind = (
+                "" if isinstance(error, RncError) else f"{type(error).__name__}: "
+            )  # "ValueError" tells where to look
+            failures[name] = kind + (" ".join(str(error).split()) or "no reason given")
     return Drawn(written, failures)
 
 
-def _drawn(scenario: Scenario, result: Result, path: Path) -> bool | str:
-    """Write a picture. Return False if there is nothing to draw, and the error if it fails.
-
-    Raises:
-        KeyboardInterrupt: the user interrupted it.
-    """
+def _drawn(scenario: Scenario, result: Result, path: Path) -> bool:
+    """Write a picture. Return False if there is nothing to draw."""
     try:
         is_page = path.name == ANIMATION
         # Not interruptible: C libraries turn Ctrl-C during imports into their own errors.
@@ -236,13 +234,9 @@ def _drawn(scenario: Scenario, result: Result, path: Path) -> bool | str:
             elif (figure := _figure(scenario, result, path.stem)) is not None:
                 figures.save(figure, path)
             return is_page or figure is not None
-    except KeyboardInterrupt:
+    except BaseException:
         path.unlink(missing_ok=True)  # it is half a picture
         raise
-    except Exception as error:
-        path.unlink(missing_ok=True)
-        kind = "" if isinstance(error, RncError) else f"{type(error).__name__}: "  # "ValueError" tells where to look
-        return kind + (" ".join(str(error).split()) or "no reason given")
 
 
 def write_animation(scenario: Scenario, result: Result, path: Path) -> None:
