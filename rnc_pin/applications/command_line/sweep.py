@@ -34,8 +34,7 @@ def sweep_scenario(
     chosen = parse_options(options)
     reached = 0
     try:
-        # A sweep that continues has runs already: the estimate of the time counts only its own.
-        with progress_bar(runs, f"{scenario} x {runs}", quiet=as_json, restarts=True) as advance:
+        with progress_bar(runs, f"{scenario} x {runs}", as_json) as advance:
 
             def progress(done: int, total: int | None) -> None:
                 nonlocal reached

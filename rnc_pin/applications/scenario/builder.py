@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from copy import deepcopy
 from dataclasses import dataclass, replace
@@ -19,7 +19,7 @@ from rnc_pin.applications.scenario.controllers.feedback import check_output_name
 from rnc_pin.applications.scenario.controllers.tracking import VelocityTrackerSettings
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.world import build_obstacles
-from rnc_pin.collision import Obstacle, check_ignored_links
+from rnc_pin.collision import check_ignored_links
 from rnc_pin.control import Controller, ZeroInput, describe
 from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, ModelWarning, RncError
 from rnc_pin.model import NonholonomicSystem, ReducedModel, Task
@@ -108,10 +108,8 @@ def build_experiment(
         raise ConfigurationError("controller: is missing; a run needs {type: ..., preset: ...}")
     # Before the robot is loaded, which takes longer than anything else here.
     if scenario.planner is None or timing.duration != "plan":
-        try:
+        with InputError.at("simulation"):
             simulation.sample_count(timing.seconds, timing.dt)
-        except InputError as error:
-            raise ConfigurationError(f"simulation: {error}") from None
     reduced = scenario.reduced(build_system(scenario, folder)) if reduced is None else reduced
     for plot, settings in scenario.plots.items():  # a misspelt name would fail after the run
         check_output_names(f"plots.{plot}.outputs", settings.outputs, reduced, PLOTTED_QUANTITIES)
@@ -136,7 +134,10 @@ def build_experiment(
         names = TaskNames(tuple(task.primary_names), tuple(task.redundant_names))
         said, note = describe(built.controller), simulation.provenance_of(built.notes)
         note = replace(note, controller=said, task=names, path=path)
-        warned = (*warned, *built.warnings, *_unmeasured(obstacles, reduced))
+        warned = (*warned, *built.warnings)
+        if obstacles and not reduced.robot.has_collision_shapes:
+            unknown = "has no collision geometry: its distances to the obstacles are not known"
+            warned = (*warned, f"robot '{reduced.robot.name}' {unknown}")
     return Experiment(
         **vars(context),
         controller=built.controller,
@@ -156,13 +157,6 @@ def start_of(scenario: ScenarioFile, reduced: ReducedModel) -> tuple[np.ndarray,
     """
     v2_0 = reduced_velocity(reduced, scenario.initial.v2, "initial.v2")
     return _initial(scenario, reduced), v2_0
-
-
-def _unmeasured(obstacles: Sequence[Obstacle], reduced: ReducedModel) -> tuple[str, ...]:
-    """Return the warning that distances to obstacles are not known."""
-    if not obstacles or reduced.robot.has_collision_shapes:
-        return ()
-    return (f"robot '{reduced.robot.name}' has no collision geometry: its distances to the obstacles are not known",)
 
 
 def _grip(scenario: ScenarioFile, reduced: ReducedModel) -> Grip | None:
@@ -277,14 +271,12 @@ def build_plant(scenario: ScenarioFile, reduced: ReducedModel, q0: np.ndarray) -
     if faults is None:
         return plant_of(reduced)
     stuck = faults.stuck
-    try:
+    with RncError.at("faults"):
         differs = faults.masses or faults.forces  # noise and delays need no second model
         true_plant = plant_of(_true_model(scenario, reduced.robot) if differs else reduced)
         if stuck is not None:
             locked = plant_of(_true_model(scenario, reduced.robot, stuck))
             true_plant = plants.ChangingPlant(true_plant, locked, stuck.time)
-    except RncError as error:
-        raise ConfigurationError(f"faults: {error}") from None
     return plants.FaultyPlant(true_plant, faults.faults, reduced, scenario.seed)
 
 

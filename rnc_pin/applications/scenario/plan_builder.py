@@ -15,7 +15,7 @@ from rnc_pin.applications.scenario.schema.motions import CostSettings, GuessSett
 from rnc_pin.array_shapes import Float
 from rnc_pin.collision import PairSelection
 from rnc_pin.control import SlitheringReference
-from rnc_pin.errors import ConfigurationError, InputError, RncError
+from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.model import Kinematics, ReducedModel
 from rnc_pin.motion import optimal
 from rnc_pin.motion.planning import CarPath, Hold, OutputTarget, Reference, SteeringGeometry, Way, find_way
@@ -68,7 +68,7 @@ def with_references(context: RunContext) -> RunContext:
         ("vertical", said.vertical, x1[task.vertical], task.vertical_coordinates),
     ):
         outputs = context.names[name]
-        try:
+        with RncError.at(f"reference.{name}"):
             # The file first, then the plan for what the controller follows; what neither gives stays where it is.
             if settings is not None:
                 references[name] = settings.from_start(start, coordinates)
@@ -78,8 +78,6 @@ def with_references(context: RunContext) -> RunContext:
                 references[name] = Hold(start)
                 continue
             given.append(name)
-        except (ConfigurationError, InputError) as error:
-            raise ConfigurationError(f"reference.{name}: {error}") from None
     return _with_path(replace(context, references=references, given=tuple(given)))
 
 

@@ -24,7 +24,7 @@ from rnc_pin.applications.scenario.schema.world import absolute_files, build_obs
 from rnc_pin.applications.scenario.simulated_run import judged_summary
 from rnc_pin.collision import Obstacle
 from rnc_pin.control import Controller
-from rnc_pin.errors import ConfigurationError, RncError
+from rnc_pin.errors import RncError, check_unique
 from rnc_pin.interruption import nothing_to_keep
 from rnc_pin.io import Json
 from rnc_pin.model import NonholonomicSystem, ReducedModel, Task
@@ -167,12 +167,10 @@ class Scenario(SummaryMixin):
         They may fail on purpose, to show the difference. Their preflight therefore only warns.
         """
         found: dict[str, Scenario] = {}
-        slugs: dict[str, str] = {}
-        for name, changes in self.content.compared.items():
-            # "a b" and "a_b" would write one trajectory_a_b.npz.
-            if slugs.setdefault(slug(name), name) != name:
-                names = f"'{name}' and '{slugs[slug(name)]}'"
-                raise ConfigurationError(f"comparisons: {names} give one file name").within(self._label)
+        compared = self.content.compared
+        with RncError.at(self._label):  # "a b" and "a_b" would write one trajectory_a_b.npz
+            check_unique([slug(name) for name in compared], "comparisons: two labels give one file name")
+        for name, changes in compared.items():
             raw = _varied(self.raw, {"preflight": "warn", **changes})
             found[name] = replace(self, raw=raw, source=f"{self._label}: comparisons.{name}")
             vars(found[name])["_plans"] = self._plans  # equal problems are solved once

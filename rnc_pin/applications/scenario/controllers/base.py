@@ -27,7 +27,6 @@ from rnc_pin.motion.planning import Reference
 from rnc_pin.motion.whole_body import ProgramState
 from rnc_pin.simulation import Margins, PlannedPath, margins_along, obstacles_passed
 
-_LONGEST = 350  # letters of the reasons that one error names
 MIN_SINGULAR_VALUE = 0.01
 """Smallest singular value below which a warning is given."""
 
@@ -101,11 +100,7 @@ class ControllerContext:
             InfeasibleError: there are complaints, and ``preflight`` refuses such a run.
         """
         if complaints and self.scenario.preflight == "refuse":
-            # An error is one line: of many reasons, the first.
-            shown = 1 if sum(map(len, complaints)) > _LONGEST else len(complaints)
-            rest = len(complaints) - shown
-            more = f"; and {rest} more: 'preflight: warn' shows all" if rest else ""
-            raise InfeasibleError("; ".join(complaints[:shown]) + more)
+            raise InfeasibleError("; ".join(complaints))
         return tuple(complaints)
 
     def passed_obstacles(self, what: str, times: np.ndarray, configurations: np.ndarray) -> tuple[str, ...]:

@@ -215,11 +215,10 @@ class VelocityTrackerSettings(AdaptationSettings):
 
     @model_validator(mode="after")
     def _check_tracker(self) -> VelocityTrackerSettings:
-        name = "gravity_compensation"
-        if self.gravity_compensation and self.tracker == "computed_torque":
-            raise wrong(name, "is not available with tracker 'computed_torque', which takes gravity from its model")
-        if self.gravity_compensation and self.tracker == "velocity":
-            raise wrong(name, "is not available with tracker 'velocity', which gives no forces")
+        reasons = {"computed_torque": "which takes gravity from its model", "velocity": "which gives no forces"}
+        if self.gravity_compensation and self.tracker in reasons:
+            why = f"is not available with tracker '{self.tracker}', {reasons[self.tracker]}"
+            raise wrong("gravity_compensation", why)
         return self
 
 

@@ -148,6 +148,10 @@ class CollisionSettings(Strict):
         return limits.CollisionAvoidance(*distances, obstacles, pairs, q0, self.deceleration)
 
 
+_PositionLimit = Annotated[limits.JointPositionLimit, ClassReader(limits.JointPositionLimit)]
+_VelocityLimit = Annotated[limits.JointVelocityLimit, ClassReader(limits.JointVelocityLimit)]
+
+
 class LimitSettings(Strict):
     """Limits of whole-body control. Null removes a limit.
 
@@ -161,12 +165,8 @@ class LimitSettings(Strict):
             obstacles.
     """
 
-    joint_position: Annotated[limits.JointPositionLimit, ClassReader(limits.JointPositionLimit)] | None = (
-        limits.JointPositionLimit()
-    )
-    joint_velocity: Annotated[limits.JointVelocityLimit, ClassReader(limits.JointVelocityLimit)] | None = (
-        limits.JointVelocityLimit()
-    )
+    joint_position: _PositionLimit | None = limits.JointPositionLimit()
+    joint_velocity: _VelocityLimit | None = limits.JointVelocityLimit()
     acceleration: Annotated[limits.AccelerationLimit, ClassReader(limits.AccelerationLimit)] | None = None
     base_speed: Annotated[limits.BaseSpeedLimit, ClassReader(limits.BaseSpeedLimit)] | None = None
     regions: list[Annotated[limits.RegionLimit, ClassReader(limits.RegionLimit)]] = []

@@ -186,14 +186,12 @@ class CylinderObstacle(SphereObstacle):
         return coal.Cylinder(self.radius, self.length)
 
 
-class CapsuleObstacle(SphereObstacle):
+class CapsuleObstacle(CylinderObstacle):
     """Capsule along z: a cylinder with a half sphere at each end.
 
     Attributes:
         length: length of the cylindrical part along z [m].
     """
-
-    length: Positive
 
     def shape(self, folder: Path) -> coal.CollisionGeometry:
         return coal.Capsule(self.radius, self.length)
@@ -284,16 +282,14 @@ def build_obstacles(items: Sequence[_Placed | MapObstacle], folder: Path) -> tup
         folder: base of relative paths.
 
     Raises:
-        ConfigurationError: a mesh or a motion cannot be used, or two obstacles share a name.
+        RncError: a mesh or a motion cannot be used, or two obstacles share a name.
     """
     found: list[Obstacle] = []
     for number, item in enumerate(items, start=1):
         name = item.name or f"{type(item).__name__.removesuffix('Obstacle').lower()} {number}"
         known = {each.name for each in found}
-        try:
+        with RncError.at(f"obstacle '{name}'"):  # an error names a mesh or a motion, a reader looks for the obstacle
             built = item.build(folder, name)
-        except RncError as error:  # it names a mesh or a motion, and a reader looks for the obstacle
-            raise ConfigurationError(f"obstacle '{name}': {error}") from None
         for obstacle in built:
             # Verdicts, records and pages tell obstacles by their names.
             if obstacle.name in known:
