@@ -7,13 +7,11 @@ results. A folder continues only the sweep that it holds. A kill can cut off the
 from __future__ import annotations
 
 import csv
-import hashlib
-import inspect
 import json
 import os
 import shlex
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from io import BufferedRandom
@@ -24,7 +22,7 @@ from typing import Any, TypeAlias, TypedDict, TypeGuard
 
 import numpy as np
 
-from rnc_pin.applications.scenario.files import find_scenario, is_built_in, one_line_yaml, read_yaml
+from rnc_pin.applications.scenario.files import one_line_yaml
 from rnc_pin.applications.scenario.output_folder import lock_folder, one_line_errors
 from rnc_pin.applications.sweep import runs
 from rnc_pin.applications.sweep.runs import Row, SeededDraws
@@ -116,45 +114,6 @@ def _cut_off_torn_line(file: BufferedRandom) -> None:
 
 
 # ------------------------------------------------------------------ specification
-
-
-def describe_scenario(scenario: str, options: Mapping[str, Json], read: Collection[Path]) -> dict[str, Json]:
-    """Name, options and digests of a scenario and of the files that were read for it.
-
-    Args:
-        scenario: a built-in name or a file.
-        options: dotted keys and values that all runs share.
-        read: files from which robots and obstacles are read.
-    """
-    path = find_scenario(scenario).resolve()
-    name = scenario if is_built_in(path) else str(path)
-    # Dates of YAML are no JSON.
-    content = _digest(json.dumps(read_yaml(path), default=repr).encode())
-    files: dict[str, Json] = {}
-    for each in sorted(read):  # files of other folders by name: a package may be elsewhere on another computer
-        place = str(each.relative_to(path.parent)) if each.is_relative_to(path.parent) else each.name
-        with open_regular(each) as file:
-            files[place] = str(files.get(place, "")) + hashlib.file_digest(file, "sha256").hexdigest()[:16]
-    return {"scenario": name, "options": dict(options), "content": content, "files": files}
-
-
-def describe_function(build: Callable[..., object]) -> dict[str, Json]:
-    """Name of a function and digest of its source, if it has one.
-
-    Args:
-        build: the function of the drawn values.
-    """
-    name = f"{getattr(build, '__module__', '?')}.{getattr(build, '__qualname__', type(build).__qualname__)}"
-    try:
-        source = _digest(inspect.getsource(build).encode())
-    # Functions of C, and those of a prompt, have no source.
-    except (OSError, TypeError):
-        source = ""
-    return {"build": name, "source": source}
-
-
-def _digest(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()[:16]
 
 
 Specification: TypeAlias = dict[str, Any]

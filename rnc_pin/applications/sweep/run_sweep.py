@@ -20,28 +20,8 @@ import cloudpickle
 from joblib import Parallel, cpu_count, delayed, parallel_config
 
 from rnc_pin._kernel import kernel
-from rnc_pin.applications.sweep.results import (
-    SweepResults,
-    describe_function,
-    describe_scenario,
-    read_rows,
-    sweep_folder,
-    write_reports,
-)
-from rnc_pin.applications.sweep.runs import (
-    Build,
-    Draw,
-    Draws,
-    FunctionRuns,
-    Numbered,
-    Row,
-    Runs,
-    ScenarioRuns,
-    SeededDraws,
-    check_names,
-    drawn_values,
-    draws_of,
-)
+from rnc_pin.applications.sweep.results import SweepResults, read_rows, sweep_folder, write_reports
+from rnc_pin.applications.sweep.runs import Build, Draw, Draws, Numbered, Row, Runs, check_names, drawn_values, runs_of
 from rnc_pin.errors import ConfigurationError, InputError, SimulationError, check_extra
 from rnc_pin.interruption import interruptible, uninterrupted
 from rnc_pin.io import Json, to_json_mapping
@@ -107,11 +87,11 @@ def sweep(
         draws = Draws(draws)
     seeded = draws if isinstance(draws, Draws) else None
     count = seeded.runs if seeded is not None else len(draws) if isinstance(draws, Sized) else None
-    runs, description = _source(build, seeded, options)
+    runs = runs_of(build, seeded, options)
     specification: dict[str, Json] = {
         "rnc_pin": __version__,
         "kernel": kernel,
-        **description,
+        **runs.describe(),
         "draws": {} if runs.draws is None else runs.draws.describe(),
         "runs": count,
     }
@@ -123,7 +103,7 @@ def sweep(
             # Without values: workers draw them by the number, so that results do not depend on who computes them.
             missing = ((run, None) for run in range(draws.runs) if run not in finished)
         else:
-            missing = _missing(draws, finished, path, arrays=isinstance(runs, FunctionRuns))
+            missing = _missing(draws, finished, path, arrays=not isinstance(build, str | Path))
         tell = (lambda done, count: None) if progress is None else progress
         tell(len(finished), count)
         with closing(_rows(runs, missing, jobs)) as rows:
@@ -135,32 +115,6 @@ def sweep(
         results = SweepResults(path)
         write_reports(results)
     return results
-
-
-def _source(
-    build: Build | str | Path, draws: Draws | None, options: Mapping[str, object] | None
-) -> tuple[Runs, dict[str, Json]]:
-    """Source of the runs of a sweep, and its description."""
-    if not isinstance(build, str | Path):
-        if options:
-            raise ConfigurationError("options: those of a scenario; a function takes values from its draws")
-        return FunctionRuns(build, None if draws is None else _stated(draws)), describe_function(build)
-    scenario, shared = str(build), to_json_mapping(options or {}, "options")
-    if draws is not None and draws.distributions is not None:
-        shared["sweep"] = to_json_mapping(draws.distributions, "distributions")
-    if draws is not None and draws.seed is not None:
-        shared["seed"] = draws.seed
-    runs = ScenarioRuns(scenario, shared, None if draws is None else draws_of(scenario, shared))
-    return runs, describe_scenario(scenario, shared, runs.files_read())
-
-
-def _stated(draws: Draws) -> SeededDraws:
-    """Draws of a function, which have to state their distributions."""
-    if not draws.distributions:
-        example = f"rnc.Draws({draws.runs}, {{'mass': [1, 2]}})"
-        raise ConfigurationError(f"draws: {draws.runs} runs of a function need distributions, e.g. {example}")
-    check_names(draws.distributions)
-    return SeededDraws.of(draws.distributions, draws.seed or 0)
 
 
 def _missing(draws: Iterable[Draw], finished: Mapping[int, Draw], folder: Path, arrays: bool) -> Iterator[Numbered]:

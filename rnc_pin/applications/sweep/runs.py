@@ -6,6 +6,8 @@ each process.
 
 from __future__ import annotations
 
+import hashlib
+import inspect
 import json
 import time
 from abc import ABC, abstractmethod
@@ -19,11 +21,12 @@ from typing import Any, TypeAlias, cast
 import numpy as np
 
 from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.files import find_scenario
 from rnc_pin.applications.scenario.scenario import BuiltModel, Scenario
 from rnc_pin.applications.scenario.schema.run_settings import Distribution, Distributions
 from rnc_pin.applications.scenario.schema.scenario import admitted
 from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError, SingularityError
-from rnc_pin.io import Json, recorded_reads, to_json_mapping
+from rnc_pin.io import Json, open_regular, recorded_reads, to_json_mapping
 from rnc_pin.simulation import Outcome, Summary, Trajectory, add_verdict, simulate, summarize
 
 Draw: TypeAlias = Mapping[str, object]
@@ -214,6 +217,10 @@ def check_names(draw: Draw) -> None:
 # ------------------------------------------------------------------ runs
 
 
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:16]
+
+
 class Runs(ABC):
     """Source of the rows of a sweep. It is pickled for other processes.
 
@@ -236,6 +243,10 @@ class Runs(ABC):
         with np.errstate(over="ignore", invalid="ignore"):  # diverged values
             row = self._row(run, draws)
         return {"run": run, **row, "wall_time": time.perf_counter() - start}
+
+    @abstractmethod
+    def describe(self) -> dict[str, Json]:
+        """Source of the runs, for the specification of their sweep."""
 
     @abstractmethod
     def _row(self, run: int, draws: Iterator[Draw]) -> Row:
@@ -265,6 +276,17 @@ class FunctionRuns(Runs):
     def __init__(self, build: Build, draws: SeededDraws | None) -> None:
         super().__init__(draws)
         self._build = build
+
+    def describe(self) -> dict[str, Json]:
+        """Name of the function and digest of its source, if it has one."""
+        build = self._build
+        name = f"{getattr(build, '__module__', '?')}.{getattr(build, '__qualname__', type(build).__qualname__)}"
+        try:
+            source = _digest(inspect.getsource(build).encode())
+        # Functions of C, and those of a prompt, have no source.
+        except (OSError, TypeError):
+            source = ""
+        return {"build": name, "source": source}
 
     def _row(self, run: int, draws: Iterator[Draw]) -> Row:
         draw = next(draws)
@@ -321,7 +343,7 @@ class ScenarioRuns(Runs):
     def __init__(self, scenario: str, options: Mapping[str, Json], draws: SeededDraws | None = None) -> None:
         super().__init__(draws)
         # Warnings are a column of the rows.
-        self._file = replace(Scenario.read(scenario), show_warnings=False)
+        self._name, self._file = scenario, replace(Scenario.read(scenario), show_warnings=False)
         self._options = dict(options)
         self._seed = self._file.with_options(self._options).content.seed
         self._models: dict[str, BuiltModel] = {}
@@ -330,7 +352,19 @@ class ScenarioRuns(Runs):
         # Models are built anew in each process: they hold Pinocchio's data, and are larger than their description.
         return {**self.__dict__, "_models": {}}
 
-    def files_read(self) -> set[Path]:
+    def describe(self) -> dict[str, Json]:
+        """Name, options and digests of the scenario and of the files that are read for it."""
+        folder, files = self._file.folder, dict[str, Json]()
+        for each in sorted(self._files_read()):
+            # Files of other folders by name: a package may be elsewhere on another computer.
+            place = str(each.relative_to(folder)) if each.is_relative_to(folder) else each.name
+            with open_regular(each) as file:
+                files[place] = str(files.get(place, "")) + hashlib.file_digest(file, "sha256").hexdigest()[:16]
+        name = self._name if self._file.built_in else str(find_scenario(self._name).resolve())
+        content = _digest(json.dumps(self._file.raw, default=repr).encode())  # dates of YAML are no JSON
+        return {"scenario": name, "options": self._options, "content": content, "files": files}
+
+    def _files_read(self) -> set[Path]:
         """Files from which robots and obstacles are read: includes, meshes, pictures of maps, parts of an MJCF."""
         drawn = {} if self.draws is None else self.draws.distributions
         # Drawn parts of the robot read files as well.
@@ -390,3 +424,35 @@ class ScenarioRuns(Runs):
                 self._models.pop(next(iter(self._models)))
             self._models[key] = scenario.model
         return self._models[key]
+
+
+def runs_of(build: Build | str | Path, draws: Draws | None, options: Mapping[str, object] | None) -> Runs:
+    """Runs of a sweep.
+
+    Args:
+        build: function of the drawn values, or a scenario.
+        draws: seeded draws; None if every run gets its values.
+        options: options of a scenario.
+
+    Raises:
+        ConfigurationError: draws of a function without distributions, or a scenario without a sweep.
+    """
+    if not isinstance(build, str | Path):
+        if options:
+            raise ConfigurationError("options: those of a scenario; a function takes values from its draws")
+        return FunctionRuns(build, None if draws is None else _stated(draws))
+    scenario, shared = str(build), to_json_mapping(options or {}, "options")
+    if draws is not None and draws.distributions is not None:
+        shared["sweep"] = to_json_mapping(draws.distributions, "distributions")
+    if draws is not None and draws.seed is not None:
+        shared["seed"] = draws.seed
+    return ScenarioRuns(scenario, shared, None if draws is None else draws_of(scenario, shared))
+
+
+def _stated(draws: Draws) -> SeededDraws:
+    """Draws of a function, which have to state their distributions."""
+    if not draws.distributions:
+        example = f"rnc.Draws({draws.runs}, {{'mass': [1, 2]}})"
+        raise ConfigurationError(f"draws: {draws.runs} runs of a function need distributions, e.g. {example}")
+    check_names(draws.distributions)
+    return SeededDraws.of(draws.distributions, draws.seed or 0)
