@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from copy import deepcopy
 from dataclasses import dataclass, replace
@@ -22,7 +22,7 @@ from rnc_pin.applications.scenario.schema.world import build_obstacles
 from rnc_pin.collision import check_ignored_links
 from rnc_pin.control import Controller, ZeroInput, describe
 from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, ModelWarning, RncError
-from rnc_pin.model import NonholonomicSystem, ReducedModel, Task
+from rnc_pin.model import ConstraintKind, ForceKind, NonholonomicSystem, ReducedModel, Task
 from rnc_pin.motion.whole_body import WholeBodyProgram, program_of
 from rnc_pin.robots import Robot
 from rnc_pin.simulation import PLOTTED_QUANTITIES, Provenance, TaskNames
@@ -39,8 +39,15 @@ def build_system(scenario: ScenarioFile, folder: Path) -> NonholonomicSystem:
         scenario: a validated scenario.
         folder: base of relative paths.
     """
-    robot = scenario.robot.build(folder)
-    return NonholonomicSystem(robot, scenario.constraints, scenario.actuators, scenario.mimic, scenario.forces)
+    return _system(scenario, scenario.robot.build(folder))
+
+
+def _system(
+    scenario: ScenarioFile, robot: Robot, rows: Sequence[ConstraintKind] = (), forces: Sequence[ForceKind] = ()
+) -> NonholonomicSystem:
+    """System of a robot as the scenario describes it, with further rows and forces."""
+    constraints, forces = [*scenario.constraints, *rows], [*scenario.forces, *forces]
+    return NonholonomicSystem(robot, constraints, scenario.actuators, scenario.mimic, forces)
 
 
 def build_task(scenario: ScenarioFile, reduced: ReducedModel) -> Task:
@@ -256,9 +263,7 @@ def build_plant(scenario: ScenarioFile, reduced: ReducedModel, q0: np.ndarray) -
     if scenario.contacts:
         _check_contacts(scenario)
         # The system without contacts: the plant adds their rows while they are closed.
-        args = scenario.constraints, scenario.actuators, scenario.mimic, scenario.forces
-        system = NonholonomicSystem(reduced.robot, *args)
-        return plants.ContactPlant(system, scenario.contacts, *settings.plant_options)
+        return plants.ContactPlant(_system(scenario, reduced.robot), scenario.contacts, *settings.plant_options)
 
     def plant_of(model: ReducedModel) -> plants.Plant:
         if in_mujoco:
@@ -321,6 +326,4 @@ def _true_model(scenario: ScenarioFile, robot: Robot, stuck: plants.StuckJoint |
     if faults.masses:
         plants.MassErrors(faults.masses, scenario.seed).change(robot)
     # No outputs: a stuck joint may be one of them, and the plant needs none.
-    constraints = [*scenario.constraints, *([] if stuck is None else [stuck.rows(robot)])]
-    forces = [*scenario.forces, *faults.forces]
-    return NonholonomicSystem(robot, constraints, scenario.actuators, scenario.mimic, forces).reduce()
+    return _system(scenario, robot, [] if stuck is None else [stuck.rows(robot)], faults.forces).reduce()

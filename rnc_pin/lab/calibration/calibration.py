@@ -14,8 +14,7 @@ from rnc_pin.errors import ConfigurationError, InfeasibleError
 from rnc_pin.lab.calibration.rolling_motion import RollingMotion
 from rnc_pin.lab.calibration.unknowns import SensorPlace, Unknown, UnknownNumber, corrections_of, radii_of, with_radius
 from rnc_pin.lab.calibration.window_fit import Fit, WindowFit, Windows, correlation_of, joined, plane
-from rnc_pin.lab.logs.channel import Channel, Correction
-from rnc_pin.lab.logs.log import Log
+from rnc_pin.lab.logs import Channel, Correction, Log
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin, items
 

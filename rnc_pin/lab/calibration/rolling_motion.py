@@ -13,8 +13,7 @@ from rnc_pin.errors import ConfigurationError, InfeasibleError, argument, few, p
 from rnc_pin.lab.calibration import unknowns
 from rnc_pin.lab.calibration.unknowns import RowGeometry, Virtual
 from rnc_pin.lab.calibration.window_fit import Poses, RolledPath, joined, plane
-from rnc_pin.lab.logs.channel import Channel
-from rnc_pin.lab.logs.log import Log
+from rnc_pin.lab.logs import Channel, Log
 from rnc_pin.model.coordinates import heading_of
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.robots.joint_values import SingleJoint

@@ -17,10 +17,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.polynomial import chebyshev
 
-from rnc_pin.constraints.rolling_body import RollingBall
-from rnc_pin.constraints.wheels_and_blades import RollingWheel
+from rnc_pin.constraints import RollingBall, RollingWheel
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.lab.logs.channel import Correction
+from rnc_pin.lab.logs import Correction
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics
 from rnc_pin.model.relative_rows import CouplingRow
 from rnc_pin.model.rows import ConstraintKind, Rows

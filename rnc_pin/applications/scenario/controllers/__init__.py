@@ -47,6 +47,11 @@ def owners(key: str) -> list[str]:
     return [name for name, each in TYPES.items() if key in each.model_fields]
 
 
+def _foreign(kind: str, controller: Mapping[str, Json]) -> list[str]:
+    """Settings that only other types of controllers read. What no type reads is a misspelling: the model reports it."""
+    return [key for key in controller if (types := owners(key)) and kind not in types]
+
+
 def _check_keys(raw: object) -> object:
     """Refuse settings that belong to another type.
 
@@ -54,18 +59,14 @@ def _check_keys(raw: object) -> object:
     """
     kind = raw.get("type") if isinstance(raw, dict) else None
     # An unknown type is reported by the union, with the nearest name.
-    own = TYPES.get(kind) if isinstance(kind, str) else None
-    if own is None or not isinstance(raw, dict):
+    if not (isinstance(raw, dict) and isinstance(kind, str) and kind in TYPES):
         return raw
-    kept = {}
-    for key, value in raw.items():
-        others = owners(key)
-        if kind in others or not others:  # what no type knows is a misspelling, which the model reports
-            kept[key] = value
-        elif value is not None:
-            whose, hint = ", ".join(others), nearest(key, own.model_fields)
-            raise wrong(key, f"does not belong to type '{kind}' (but to {whose}){hint}")
-    return kept
+    foreign = _foreign(kind, raw)
+    for key in foreign:
+        if raw[key] is not None:
+            hint = nearest(key, TYPES[kind].model_fields)
+            raise wrong(key, f"does not belong to type '{kind}' (but to {', '.join(owners(key))}){hint}")
+    return {key: value for key, value in raw.items() if key not in foreign}
 
 
 _any_type: object = reduce(or_, TYPES.values())
@@ -85,6 +86,5 @@ def without_foreign_gains(raw: Mapping[str, Json], changes: Mapping[str, Json]) 
     # Only where the type changes: other wrong settings are mistakes, which the check has to find.
     if not isinstance(controller, Mapping) or not isinstance(kind, str) or kind not in TYPES:
         return raw
-    # What no type reads is a misspelling, which the check has to find, too.
-    read = {key: value for key, value in controller.items() if not (types := owners(key)) or kind in types}
-    return {**raw, "controller": read}
+    foreign = _foreign(kind, controller)
+    return {**raw, "controller": {key: value for key, value in controller.items() if key not in foreign}}

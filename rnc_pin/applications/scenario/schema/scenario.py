@@ -403,9 +403,5 @@ def output_of(entry: Mapping[str, Json]) -> OutputKind:
 
 def schema() -> dict[str, Json]:
     """Return the schema of the models that read scenario files."""
-    content = ScenarioFile.model_json_schema()
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "rnc_pin scenario",
-        **{key: value for key, value in content.items() if key != "title"},
-    }
+    content = {**ScenarioFile.model_json_schema(), "title": "rnc_pin scenario"}
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **content}
