@@ -150,7 +150,7 @@ def test_a_map_is_boxes(tmp_path):
     box, first, second = prepared(tmp_path, text).experiment.obstacles
     assert [each.name for each in (box, first, second)] == ["box 1", "map 2 1", "map 2 2"]
     assert (first.position.tolist(), second.position.tolist()) == ([3.25, 1.25, 0.5], [2.25, 1.75, 0.5])
-    with pytest.raises(rnc.ConfigurationError, match=r"obstacle 'map 2': map 'lott\.yaml'"):
+    with pytest.raises(rnc.ModelError, match=r"obstacle 'map 2': map 'lott\.yaml'"):
         prepared(tmp_path, text.replace("lot", "lott"))
 
 
