@@ -27,9 +27,7 @@ for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIG
 
 # Before anything imports rnc_pin: from here on what annotates shapes checks what it returns. Code that runs once a
 # sample and annotates none is left out, because a checked call costs several times an unchecked one.
-install_import_hook(
-    [f"rnc_pin.{module}" for module in ("model.reduced_model", "simulation.trajectory")], "shape_checker.check"
-)
+install_import_hook("rnc_pin.model.reduced_model", "shape_checker.check")
 
 
 SLOW = Path(__file__).parent / "slow.txt"

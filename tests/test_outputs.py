@@ -11,7 +11,7 @@ from bodies import add_body, frame_placement
 from rnc_pin.model.coordinates import Coordinates, left_jacobian
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.motion.planning import Harmonic, Hold, MinimumJerk
-from rnc_pin.references.kinds import RelativeMinimumJerk
+from rnc_pin.references.reference import RelativeMinimumJerk
 from rolling import slope
 from systems import random_states
 from tolerances import FINITE_DIFFERENCE, ROUNDING

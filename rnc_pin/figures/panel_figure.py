@@ -6,7 +6,7 @@ Paths have headings, references, the planned path and compared runs.
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -143,18 +143,20 @@ def _draw(
             note, entries = ", ".join(filter(None, (texts.of(panel.series[0]), note))), []
         entries += [st.LegendEntry(texts.text(name), own), *runs]
     # Desired lines are drawn last: a solid line that follows them closely would hide them.
-    desired = [
-        axes.plot(time, series.desired, color="black", ls=st.DOTS, lw=st.points(1.3))[0]
-        for series in panel.series
-        if series.desired is not None
-    ]
-    if desired:
-        entries.append(st.LegendEntry(texts.text("desired"), desired[:1]))
+    entries += _draw_desired(axes, [(time, each.desired) for each in panel.series if each.desired is not None], texts)
     if panel.mark is not None:
         axes.axhline(panel.mark, color="black", lw=st.points(0.8))
     axes.margins(x=0.01)
     _limit_axis(axes, panel)
     return entries, note
+
+
+def _draw_desired(
+    axes: Axes, lines: Iterable[np.ndarray | tuple[np.ndarray, np.ndarray]], texts: Labels
+) -> list[st.LegendEntry]:
+    """Draw desired lines (x, y), and return their legend entry."""
+    drawn = [axes.plot(x, y, color="black", ls=st.DOTS, lw=st.points(1.3))[0] for x, y in lines]
+    return [st.LegendEntry(texts.text("desired"), drawn[:1])] if drawn else []
 
 
 def _draw_series(axes: Axes, series: Series, k: int, count: int, time: np.ndarray) -> Line2D:
@@ -331,10 +333,8 @@ def draw_paths(axes: Axes, paths: GroundPaths, texts: Labels, name: str = "") ->
         entries += [st.LegendEntry(texts.text(path.name), [line]) for path, line in zip(paths.own, own, strict=True)]
         entries += [st.LegendEntry(texts.text(name), own)] if compared else []
     entries += compared
-    desired = [path.desired for path in paths.own if path.desired is not None and path.goal is None]
-    lines = [axes.plot(*points.T, color="black", ls=st.DOTS, lw=st.points(1.3))[0] for points in desired]
-    if lines:
-        entries.append(st.LegendEntry(texts.text("desired"), lines[:1]))
+    desired = [path.desired.T for path in paths.own if path.desired is not None and path.goal is None]
+    entries += _draw_desired(axes, desired, texts)
     goals = [path.goal for path in paths.own if path.goal is not None]
     if goals:
         x, y = np.transpose(goals)

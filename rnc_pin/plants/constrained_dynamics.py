@@ -18,8 +18,6 @@ from rnc_pin.model.rows import ConstantRows, OutputRows, OutputStack
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.plant import ROUNDING
 
-State = tuple[np.ndarray, np.ndarray]
-"""Configuration and y of the integrator."""
 MAX_GROWTH = 3.0
 """Growth of ``|R|^2`` at which a chart is replaced: some velocity is then 60 degrees off the basis."""
 
@@ -195,15 +193,6 @@ class ConstrainedDynamics:
         t = self.time(y) if y.ndim == 1 or not self.reduced.rheonomic else y[..., -2]
         return StateEvaluation.at(self.chart.evaluator, q, np.ascontiguousarray(y[..., : self._r]), t=t)
 
-    def in_reduction(self, q: np.ndarray, y: np.ndarray) -> StateEvaluation:
-        """State in the reduction of the model.
-
-        Args:
-            q: configuration (nq,).
-            y: state of the integrator.
-        """
-        return self.at(q, y).in_reduction(self.reduced.evaluator)
-
     def recentre(self, q: np.ndarray, y: np.ndarray) -> tuple[StateEvaluation, np.ndarray]:
         """Replace the chart if it is ill-conditioned; return the state in the reduction of the model, and y.
 
@@ -219,23 +208,23 @@ class ConstrainedDynamics:
             y = np.concatenate([self.chart.W @ v, y[self._r :]])
         return self.reduced.evaluator.measured(q, v, t), y
 
-    def errors(self, coarse: State, fine: State, smooth: bool) -> np.ndarray:
-        """Estimated errors (2 nv,) of a state (q, y) by another one from half the step; zero if they are rounding.
+    def error(self, q: np.ndarray, y: np.ndarray, q_fine: np.ndarray, y_fine: np.ndarray, smooth: bool) -> float:
+        """Estimated largest error of a state (q, y) by another one from half the step; zero if it is rounding.
 
         Args:
-            coarse: state (q, y).
-            fine: state from half the step.
+            q, y: the state.
+            q_fine, y_fine: state from half the step.
             smooth: True if the integration is of fourth order.
         """
-        (q, y), (q_fine, y_fine), r = coarse, fine, self._r
+        r = self._r
         # Both ends are in one chart, so the difference of w is one of full velocities.
         velocity = (y_fine[:r] - y[:r]) @ self.chart.W
         scale = max(np.abs(q_fine).max(initial=0.0), np.abs(y_fine[:r]).max(initial=0.0))
         fourth = 16.0 / 15.0  # of order 4, error over its difference from the result with half the step
         first = 2.0  # of order 1, the same
         change = np.concatenate([pin.difference(self.reduced.robot.model, q, q_fine), velocity])
-        errors = change * (fourth if smooth else first)
-        return np.where(np.abs(errors) > ROUNDING * (1.0 + scale), errors, 0.0)
+        error = float(np.abs(change).max(initial=0.0)) * (fourth if smooth else first)
+        return error if error > ROUNDING * (1.0 + scale) else 0.0
 
     def project(self, q: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Configuration near q that satisfies the holonomic rows at the time of y.

@@ -331,5 +331,4 @@ class ReducedPlant(ReprMixin):
         for each in (step, finer):
             if each.failure is not None or not (np.isfinite(each.q).all() and np.isfinite(each.y).all()):
                 return np.inf
-        errors = self.dynamics.errors(step[:2], finer[:2], finer.roughness < np.inf)
-        return float(np.abs(errors).max(initial=0.0))
+        return self.dynamics.error(step.q, step.y, finer.q, finer.y, finer.roughness < np.inf)

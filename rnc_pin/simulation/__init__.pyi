@@ -31,6 +31,8 @@ from .preflight import tuned_tracker as tuned_tracker
 from .run_data import PLOTTED_QUANTITIES as PLOTTED_QUANTITIES
 from .run_data import Grounds as Grounds
 from .run_data import RunData as RunData
+from .run_data import Trajectory as Trajectory
+from .run_data import export_run as export_run
 from .run_data import tracking_errors as tracking_errors
 from .run_figure import compared_paths as compared_paths
 from .run_figure import ground_paths as ground_paths
@@ -61,5 +63,3 @@ from .summary import Summary as Summary
 from .summary import add_limits as add_limits
 from .summary import add_verdict as add_verdict
 from .summary import summarize as summarize
-from .trajectory import Trajectory as Trajectory
-from .trajectory import export_run as export_run

@@ -26,10 +26,10 @@ from rnc_pin.plants import ReducedPlant
 from rnc_pin.plants.constrained_dynamics import MAX_GROWTH
 from rnc_pin.plants.plant import IntegrationErrors
 from rnc_pin.plants.reduced_plant import Checkpoint
+from rnc_pin.simulation.run_data import Trajectory
 from rnc_pin.simulation.run_info import Outcome
 from rnc_pin.simulation.sampled_run import SampledRun, complete_run
 from rnc_pin.simulation.simulation_options import RunArguments, check_arguments
-from rnc_pin.simulation.trajectory import Trajectory
 
 
 def simulate_batch(arguments: RunArguments) -> list[Trajectory]:

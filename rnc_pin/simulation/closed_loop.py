@@ -19,7 +19,7 @@ from rnc_pin.plants import Plant, ReducedPlant
 from rnc_pin.plants.constrained_dynamics import ConstrainedDynamics
 from rnc_pin.plants.plant import PlantReport
 from rnc_pin.simulation.derived_quantities import derive, versions
-from rnc_pin.simulation.run_data import Record
+from rnc_pin.simulation.run_data import Record, Trajectory
 from rnc_pin.simulation.run_info import RunInfo, provenance_of
 from rnc_pin.simulation.sampled_run import Progress, SampledRun, complete_run
 from rnc_pin.simulation.simulation_options import (
@@ -31,7 +31,6 @@ from rnc_pin.simulation.simulation_options import (
     assembled_start,
     sample_count,
 )
-from rnc_pin.simulation.trajectory import Trajectory
 
 Feedback = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
 
@@ -185,7 +184,7 @@ def free_motion(
                 return dynamics.local_rate(q, x, constant)
             # A feedback asks for the state of its stage, which is a displacement u from q.
             at = pin.integrate(model.robot.model, q, x[: model.n])
-            return dynamics.local_rate(q, x, inputs_at(t, dynamics.in_reduction(at, x[model.n :])))
+            return dynamics.local_rate(q, x, inputs_at(t, dynamics.at(at, x[model.n :]).in_reduction(model.evaluator)))
         except (SingularityError, DivergenceError):  # NaN makes the integrator shorten a step that leaves the chart
             return np.full(len(x), np.nan)
 

@@ -25,9 +25,8 @@ from rnc_pin.model.rows import GroundContact, OutputStack
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import run_info
-from rnc_pin.simulation.run_data import GOALS, Grounds, Record, blocks
+from rnc_pin.simulation.run_data import GOALS, Grounds, Record, Trajectory, blocks
 from rnc_pin.simulation.run_info import Columns
-from rnc_pin.simulation.trajectory import Trajectory
 from rnc_pin.version import __version__
 
 _MATRICES = 8  # temporary (n, n) matrices for each sample

@@ -23,7 +23,7 @@ from rnc_pin.plants.constrained_dynamics import integrated_outputs
 from rnc_pin.plants.plant import IntegrationErrors, PlantReport, ReportingPlant, takes_velocities
 from rnc_pin.simulation import run_info
 from rnc_pin.simulation.derived_quantities import derive, versions
-from rnc_pin.simulation.run_data import Grounds, Record
+from rnc_pin.simulation.run_data import Grounds, Record, Trajectory
 from rnc_pin.simulation.run_info import Outcome
 from rnc_pin.simulation.simulation_options import (
     LiftOffMonitor,
@@ -33,7 +33,6 @@ from rnc_pin.simulation.simulation_options import (
     assembled_start,
     check_arguments,
 )
-from rnc_pin.simulation.trajectory import Trajectory
 
 _EMPTY = np.zeros(0)
 _ROUNDING = 1e-6  # of a time, in sampling periods

@@ -14,7 +14,7 @@ from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.io.json import atomic_file
 from rnc_pin.io.safe_npz import ArchiveError, read_npz
 from rnc_pin.printing import Line, ObjectSummary, SummaryMixin, described, items, printed, record_summary
-from rnc_pin.references.kinds import PiecewisePolynomial
+from rnc_pin.references.reference import PiecewisePolynomial
 from rnc_pin.verdict import Finding, Verdict
 
 _HIGHEST = [[-6, 6, -3, -3, -0.5, 0.5], [15, -15, 8, 7, 1.5, -1], [-10, 10, -6, -4, -1.5, 0.5]]

@@ -23,8 +23,7 @@ from rnc_pin.model.kinematics import OWN_AXES
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.motion.planning.action_models import KinematicFlow
-from rnc_pin.references.kinds import ViaPoints
-from rnc_pin.references.reference import InTurn, Reference
+from rnc_pin.references.reference import InTurn, Reference, ViaPoints
 
 _STEEPEST = np.deg2rad(75.0)
 FINE = 201  # points of a leg at which its curvature is checked

@@ -24,8 +24,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.rows import ConstantRows, OutputKind, OutputStack
 from rnc_pin.motion.whole_body.limits.control_limit import ControlSample
 from rnc_pin.outputs import CenterOfMass, FramePosition, FrameYaw, JointPosition
-from rnc_pin.references.kinds import Hold
-from rnc_pin.references.reference import Reference
+from rnc_pin.references.reference import Hold, Reference
 
 _BASE_ACCELERATION = (2.0, 2.0, 2.0)  # of a base whose pivots are aimed [m/s^2, m/s^2, rad/s^2]
 

@@ -10,7 +10,7 @@ from refusals import refused
 from rnc_pin.model import Coordinates
 from rnc_pin.motion import planning
 from rnc_pin.motion.planning import MinimumJerk, WaySettings, find_way
-from rnc_pin.references.kinds import RelativeCircle, RelativeMinimumJerk
+from rnc_pin.references.reference import RelativeCircle, RelativeMinimumJerk
 from systems import at_pose, knife_box, sleigh
 
 WRONG, INPUT, NONE = rnc.ConfigurationError, rnc.InputError, rnc.InfeasibleError

@@ -5,7 +5,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.model.coordinates import Coordinates
-from rnc_pin.references import kinds as kinds
+from rnc_pin.references import reference as kinds
 
 START, LINES = np.array([0.4, -1.0]), Coordinates([False, False], names=["x", "y"])
 
