@@ -105,14 +105,13 @@ def find_base(reduced: ReducedModel, q0: np.ndarray, joints: Sequence[str]) -> D
         return None
     turns = _independent(resting, forward, turn)
     slides = _independent(resting, forward, left)
-    if turns:
+    found = None if turns else _steering(reduced, q0, frame, [j for j in joints if j not in wheels])
+    if found is None:
         return DrivenBase(frame, turns, slides, wheels=wheels)
-    steering, bending = _steering(reduced, q0, frame, [j for j in joints if j not in wheels])
-    moved = 0 if steering is None else 1 + rest.index(robot.velocity_indices(steering).start)
-    folding = curvature(here, rows, rest, moved) / bending if moved else 0.0
-    # Zero without a steering joint, where no sign is needed.
-    sign = float(np.sign(bending)) or 1.0
-    return DrivenBase(frame, turns, slides, steering, sign, wheels, _ahead(reduced, q0, frame, steering), folding)
+    steering, bending = found
+    moved = 1 + rest.index(robot.velocity_indices(steering).start)
+    ahead, folding = _ahead(reduced, q0, frame, steering), curvature(here, rows, rest, moved) / bending
+    return DrivenBase(frame, turns, slides, steering, float(np.sign(bending)), wheels, ahead, folding)
 
 
 def find_pivots(reduced: ReducedModel, q0: np.ndarray, frame: str) -> tuple[tuple[str, ...], bool]:
@@ -177,10 +176,8 @@ def _independent(given: np.ndarray, *rows: np.ndarray, full: bool = True) -> boo
     return bool(after == before + len(rows) and (not full or before == len(given)))
 
 
-def _ahead(reduced: ReducedModel, q0: np.ndarray, frame: str, steering: str | None) -> float:
+def _ahead(reduced: ReducedModel, q0: np.ndarray, frame: str, steering: str) -> float:
     """Distance of the frame ahead of the axle that cannot move sideways [m]; zero without such an axle."""
-    if steering is None:
-        return 0.0
     # Away from straight: there the base does not turn, so that every distance would fit.
     change = _STEERED * np.eye(reduced.robot.nv)[reduced.robot.velocity_indices(steering).start]
     there = reduced.at(pin.integrate(reduced.robot.model, q0, change))
@@ -205,8 +202,8 @@ def curvature(at: ConfigurationEvaluation, rows: np.ndarray, resting: Sequence[i
     return float(rows[2] @ at.R @ v2)
 
 
-def _steering(reduced: ReducedModel, q0: np.ndarray, frame: str, joints: Sequence[str]) -> tuple[str | None, float]:
-    """Joint that changes the curvature most, and the change over its own [1/m]."""
+def _steering(reduced: ReducedModel, q0: np.ndarray, frame: str, joints: Sequence[str]) -> tuple[str, float] | None:
+    """Joint that changes the curvature most, and the change over its own [1/m]; None without one."""
     robot = reduced.robot
     resting = [robot.velocity_indices(name).start for name in joints]
 
@@ -222,7 +219,7 @@ def _steering(reduced: ReducedModel, q0: np.ndarray, frame: str, joints: Sequenc
             effects[name] = at(pin.integrate(robot.model, q0, change)) - at(pin.integrate(robot.model, q0, -change))
     best = max(effects, key=lambda name: abs(effects[name]), default=None)
     if best is None or abs(effects[best]) <= 1e-6:
-        return None, 0.0
+        return None
     return best, effects[best] / (2.0 * _STEERED)
 
 

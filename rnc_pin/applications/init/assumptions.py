@@ -368,20 +368,20 @@ def actuator_candidates(
     # A torque on a joint whose momentum is conserved would contradict its row.
     conserved = {entry.get("momentum") for entry, _ in mobility.constraints if isinstance(entry, dict)}
     followers = set(mobility.mimic_drivers)
-    weak = mobility.without_effort - conserved - followers
+    weak = [name for name in joints if name in mobility.without_effort - conserved - followers]
     sure = [name for name in joints if name not in named | mobility.passive | conserved]
-    wheels = [name for name in joints if name in weak & named]
-    unpowered = [name for name in joints if name in weak - named]
-    passive = [name for name in joints if name in mobility.passive - conserved - named - followers - weak]
+    passive = [name for name in joints if name in mobility.passive - conserved - named - followers - {*weak}]
     given = [entry for entry, _ in driving]
     zero = "effort 0 in the file: CHECK its limit"
-    remarked: dict[str, tuple[Entry, str]] = {name: (name, zero) for name in (*wheels, *unpowered)}
     untold = "in place of actuators that the file does not describe: CHECK"
+    wheels: list[tuple[Entry, str]] = [(name, zero) for name in weak if name in named]
+    others = [*((name, zero) for name in weak if name not in named)]
+    others += [(name, "driven, although it is usually passive: CHECK") for name in passive]
     return ActuatorCandidates(
-        [*(each for each in driving if each[0] not in wheels), *((name, "") for name in sure)],
-        [*remarked.values(), *((name, "driven, although it is usually passive: CHECK") for name in passive)],
+        [*(each for each in driving if each[0] not in weak), *((name, "") for name in sure)],
+        [*wheels, *others],
         [(force, untold) for force in _forces(mobility) if force not in given],
-        [remarked[name] for name in wheels],
+        wheels,
     )
 
 

@@ -99,13 +99,9 @@ def has_word(pattern: str, *names: str) -> bool:
         *names: names of links, joints or files.
     """
     whole = re.compile(f"(?:{pattern})s?")
-    for name in names:
-        words = words_of(name)
-        # "king_pin", "kingPin" and "king-pin" are one word for a person.
-        pairs = map("_".join, itertools.pairwise(words))
-        if any(whole.fullmatch(each) for each in (*words, *pairs)):
-            return True
-    return False
+    # "king_pin", "kingPin" and "king-pin" are one word for a person.
+    pairs = ("_".join(pair) for name in names for pair in itertools.pairwise(words_of(name)))
+    return any(whole.fullmatch(each) for each in (*words_of(*names), *pairs))
 
 
 def joint_limits(robot: Robot, name: str) -> tuple[float, float]:

@@ -399,8 +399,8 @@ def _floats(at_start: RobotAtStart, mass_of_base: Callable[[], float]) -> tuple[
 def _rotors(at_start: RobotAtStart) -> list[str]:
     """Joints that turn on and on about upright axes in a circle around the base: those of a multicopter."""
     model = at_start.robot.model
-    leaves = [k for k in range(1, model.njoints) if model.parents[k] == at_start.root and not len(model.children[k])]
-    upright = [k for k in leaves if model.joints[k].nv == 1 and abs(at_start.turning_axis(k)[2]) > _UPRIGHT]
+    leaves = [k for k in at_start.single_joints if model.parents[k] == at_start.root and not len(model.children[k])]
+    upright = [k for k in leaves if abs(at_start.turning_axis(k)[2]) > _UPRIGHT]
     on_and_on = 4 * np.pi  # smallest range of a rotor; files write large limits for none [rad]
     found = [k for k in upright if np.ptp(joint_limits(at_start.robot, model.names[k])) > on_and_on]
     # A ring around the base: equal arms about the middle of all rotors.

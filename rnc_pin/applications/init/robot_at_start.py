@@ -103,10 +103,9 @@ def shapes(robot: Robot, kind: Kind, q: np.ndarray) -> list[Shape]:
         kind: "visual" or "collision".
         q: configuration (nq,).
     """
-    try:
+    geometry = None
+    with suppress(ModelError):  # a draft needs no shapes: names and inertias are left
         geometry = robot.visual_model if kind == "visual" else robot.collision_model
-    except ModelError:  # a draft needs no shapes: names and inertias are left
-        return []
     if geometry is None:
         return []
     data, placed = robot.model.createData(), geometry.createData()
@@ -298,6 +297,12 @@ class RobotAtStart:
     def ground(self) -> float:
         """Height of the lowest drawn shape [m]."""
         return min((each.bottom for each in self.drawn), default=0.0)
+
+    @cached_property
+    def single_joints(self) -> list[int]:
+        """Indices of the joints with one degree of freedom behind the base."""
+        model = self.robot.model
+        return [index for index in range(self.root + 1, model.njoints) if model.joints[index].nv == 1]
 
     def turning_axis(self, joint: int) -> np.ndarray:
         """Return the axis in the world frame (3,) of a joint with one degree of freedom; zero for a prismatic joint.

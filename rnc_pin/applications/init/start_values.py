@@ -87,13 +87,9 @@ def keep_within_loops(
         # Most robots have no loop: the model is reduced for the first one.
         reduced = reduced or system.reduce(chosen.kinds)
         step, (share, end) = usual, _reach(reduced, q, row, usual)
-        if not end:
-            chosen.steps[row] = round(usual, 4)
-            continue
         # Beside a dead centre on one side, there is often room on the other.
-        other, other_end = _reach(reduced, q, row, -usual)
-        if other > share:
-            step, share, end = -usual, other, other_end
+        if end and (other := _reach(reduced, q, row, -usual))[0] > share:
+            step, (share, end) = -usual, other
         chosen.steps[row] = round(step * (of_reach * share if end else 1.0), 4)
         if end:
             notes.append(f"{name} moves by {chosen.steps[row]:g} only: its loop ends {end}")
@@ -107,8 +103,8 @@ def _reach(reduced: ReducedModel, q: np.ndarray, row: int, step: float) -> tuple
         Share of the step that it makes, and what ends it: "at a limit of ...", "at a dead centre", or nothing.
     """
     robot, rate = reduced.robot, step * np.eye(reduced.r)[row] / _STEPS
-    joints = [name for name in robot.joint_names if np.isfinite(np.diff(joint_limits(robot, name))).all()]
-    limits = [(name, robot.model.joints[robot.joint_id(name)].idx_q, joint_limits(robot, name)) for name in joints]
+    places = [(name, robot.model.joints[robot.joint_id(name)].idx_q) for name in robot.joint_names]
+    limits = [(name, place, joint_limits(robot, name)) for name, place in places]
     slowest = np.inf
     start, column = q, robot.velocity_indices(reduced.reducing.names[row]).start
     # Rates of a loop grow about as 1 / sin of the angle to its dead centre: a factor 3 is 20 degrees away from it.

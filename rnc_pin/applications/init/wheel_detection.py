@@ -81,9 +81,10 @@ class Wheel:
         edge: settings of the knife edge that stands for a wheel without a joint about its axle; else None.
         imbalance: distance of its center of mass from the axle [m].
         is_named: True if its joint or link has the name of a wheel, or if it is one of a pair without meshes.
-        is_doubtful: True if its name means another part: it is a wheel if its shape stands on the ground of others.
+        is_doubtful: True if its name means another part, or if it turns once: it is a wheel if its shape stands on the
+            ground of others.
         wobbles: True if a gear on its axle, between it and the base, is not quite parallel, and so lifts it a little.
-        turns_once: True if its limits permit one turn, as those of a wrist: doubtful too, but for a pair on one axle.
+        turns_once: True if its limits permit one turn, as those of a wrist: no doubt is left of a pair on one axle.
     """
 
     joint: str
@@ -176,7 +177,7 @@ class WheelSearch:
         # A file without its package of meshes: two bodies that turn on and on about one axle are probably wheels.
         lost = set[int]().union(*at_start.without_mesh.values())
         unseen = [each for each in candidates if self._model.getJointId(each.joint) in lost and not self._parts(each)]
-        unseen = [each for each in unseen if not (each.is_named or each.is_doubtful or each.turns_once)]
+        unseen = [each for each in unseen if not (each.is_named or each.is_doubtful)]
         mates = (one for one, other in itertools.permutations(unseen, 2) if self._are_mates(one, other))
         self.guessed = list(dict.fromkeys(each.joint for each in mates))
         candidates = [replace(each, is_named=each.is_named or each.joint in self.guessed) for each in candidates]
@@ -212,9 +213,7 @@ class WheelSearch:
         """Yield continuous joints with a horizontal axis and no child joints except rollers, without a radius."""
         model = self._model
         turns = 4 * np.pi  # a joint with a larger range can be a wheel, like a continuous one; wrists have less [rad]
-        for index in range(self._at_start.root + 1, model.njoints):
-            if model.joints[index].nv != 1:
-                continue
+        for index in self._at_start.single_joints:
             joint, axle = str(model.names[index]), self._at_start.turning_axis(index)
             frame, center = self._on_axle(index, axle)
             # A name of the joint or of any link on it: exporters name the joint "joint_3" and the link "left_wheel".
@@ -232,9 +231,10 @@ class WheelSearch:
             if np.linalg.norm(axle) < 0.5 or abs(axle[2]) > LEVEL or (once and travel < _ROUND):
                 continue
             lever = across(self._data.oMi[index].rotation @ model.inertias[index].lever, axle)
-            on_rim, doubtful = tuple(str(model.names[each]) for each in rollers), has_word(_NO_WHEEL, joint, frame)
+            doubtful = once or (not named and has_word(_NO_WHEEL, joint, frame))
+            on_rim = tuple(str(model.names[each]) for each in rollers)
             found = Wheel(joint, frame, center, axle, rollers=on_rim, imbalance=float(np.linalg.norm(lever)))
-            yield replace(found, is_named=named, is_doubtful=doubtful and not named, turns_once=once)
+            yield replace(found, is_named=named, is_doubtful=doubtful, turns_once=once)
 
     def _on_axle(self, joint: int, axle: np.ndarray) -> tuple[str, np.ndarray]:
         """Frame of a wheel and its position (3,): a link on the axle with a wheel's name, or the joint's body frame."""
@@ -269,12 +269,12 @@ class WheelSearch:
         masses = (float(model.inertias[model.getJointId(each.joint)].mass) for each in wheels)
         virtual = 0.01 * min(masses, default=0.0)  # largest mass of a virtual wheel, as a share of that of a wheel
         found = []
-        for joint in range(self._at_start.root + 1, model.njoints):
+        for joint in self._at_start.single_joints:
             behind = [int(each) for each in model.subtrees[joint]]
             # At an axle's height: massless frames of cameras and tools stay as they are.
             level = any(abs(self._data.oMi[joint].translation[2] - each.center[2]) < PLACED for each in wheels)
             mass = sum(model.inertias[each].mass for each in behind)
-            if level and model.joints[joint].nv == 1 and not shaped & {*behind} and mass < virtual:
+            if level and not shaped & {*behind} and mass < virtual:
                 found.append(str(model.names[joint]))
         return found
 
@@ -289,9 +289,8 @@ class WheelSearch:
         for candidate in (each for each in candidates if each.joint not in rollers):
             wheel = self._with_radius(candidate)
             if wheel is not None:
-                # A doubtful name needs a shape: an inertia is round for motors and pulleys, too.
-                doubtful = wheel.is_doubtful or wheel.turns_once
-                found += [replace(wheel, is_doubtful=doubtful)] if wheel.is_shaped or not doubtful else []
+                # A doubtful wheel needs a shape: an inertia is round for motors and pulleys, too.
+                found += [wheel] if wheel.is_shaped or not wheel.is_doubtful else []
             elif candidate.is_named:
                 named.append(candidate)
             elif not self._parts(candidate):
@@ -441,12 +440,12 @@ class WheelSearch:
         ground = min((each.center[2] - each.radius for each in wheels), default=self._at_start.ground)
         # A hub that carries a rolling wheel has a disk at the ground, too.
         rolling = {int(each) for wheel in wheels for each in model.supports[model.getJointId(wheel.joint)]}
+        others = [each for each in self._at_start.single_joints if each not in rolling]
+        pivots = {each for each in others if abs(self._at_start.turning_axis(each)[2]) >= 1 - ALIGNED}
         found: dict[int, Wheel] = {}
         for shape in self._at_start.all_shapes:
             index = shape.joint
-            if index in {*rolling, *found} or index <= self._at_start.root or model.joints[index].nv != 1:
-                continue
-            if abs(self._at_start.turning_axis(index)[2]) < 1 - ALIGNED:
+            if index in found or index not in pivots:
                 continue
             center = (shape.points.min(axis=0) + shape.points.max(axis=0)) / 2
             # A mesh does not tell its axle: each axis of the joint's frame is tried.
@@ -462,11 +461,10 @@ class WheelSearch:
         """Joints with a horizontal axis across that of the disk on the ground that they turn: mistakes of a file."""
         most = 0.1  # cosine of two axes that are across each other: 84 to 90 degrees
         crossed = []
-        for disk in self._disks:
-            if disk.joint > self._at_start.root and self._model.joints[disk.joint].nv == 1:
-                axis = self._at_start.turning_axis(disk.joint)
-                if axis.any() and abs(axis[2]) < LEVEL and abs(axis @ disk.axis) < most:
-                    crossed.append(str(self._model.names[disk.joint]))
+        for disk in (each for each in self._disks if each.joint in self._at_start.single_joints):
+            axis = self._at_start.turning_axis(disk.joint)
+            if axis.any() and abs(axis[2]) < LEVEL and abs(axis @ disk.axis) < most:
+                crossed.append(str(self._model.names[disk.joint]))
         return crossed
 
     def _drawn(self, joint: int, radius: float, center: np.ndarray, axle: np.ndarray, near: float) -> Wheel | None:

@@ -77,13 +77,12 @@ def support_by_casters(result: BaseAssumptions, layout: WheelLayout) -> None:
         layout: wheels by their function.
     """
     for carriage in layout.casters:
-        if not carriage.follows:
+        if carriage.follows:
+            for line in in_line(carriage.wheels):
+                result.roll_line(line, "a caster, not driven")
+        else:
             result.hold([carriage.pivot.joint], "a swivel without a trail does not turn by itself: held")
             result.roll_line(carriage.wheels, "skids sideways", lateral=False)
-            result.passive |= {wheel.joint for wheel in carriage.wheels}
-            continue
-        for line in in_line(carriage.wheels):
-            result.roll_line(line, "a caster, not driven")
         result.passive |= set(carriage.joints)
 
 
