@@ -240,9 +240,8 @@ class Range:
     def check(self, name: str, value: float) -> None:
         """Raise InputError if a value is out of range."""
         if not self.lower <= value <= self.upper:
-            raise InputError(
-                f"{name}: expected {self.lower:g} to {self.upper:g} {self.unit}".rstrip() + f", found {value:g}"
-            )
+            span = f"{self.lower:g} to {self.upper:g} {self.unit}".rstrip()
+            raise InputError(f"{name}: expected {span}, found {value:g}")
 
 
 GAINS: dict[str, Range] = {

@@ -158,7 +158,7 @@ class BaseAssumptions:
         """
         if wheel.edge is not None:  # without a joint it cannot roll; its lateral row is left, if it has one
             if keys.get("lateral") is not False:
-                self.constraints.append(({"no_side_slip": dict(wheel.edge)}, f"{what or 'knife edge'}; only drawn"))
+                self.constrain("no_side_slip", f"{what or 'knife edge'}; only drawn", **wheel.edge)
             return
         # Its vertical row would ask a base that keeps its height to move up and down, and lock it.
         leans = wheel.wobbles or any(float(np.hypot(*pivot.axis[:2])) > UPRIGHT for pivot in wheel.pivots)
@@ -168,6 +168,16 @@ class BaseAssumptions:
         if wheel.imbalance > balanced * wheel.radius:
             said = f"the center of mass of wheel {wheel.joint} is {wheel.imbalance:.2g} m from its axle in the file"
             self.doubts.append((wheel.joint, wheel.imbalance, said))
+
+    def constrain(self, kind: str, remark: str, **settings: Json) -> None:
+        """Add an entry to the constraints.
+
+        Args:
+            kind: kind of the constraint, such as "caster".
+            remark: remark on the entry.
+            **settings: its settings.
+        """
+        self.constraints.append(({kind: settings}, remark))
 
     def act(self, kind: str, axis: str, remark: str) -> None:
         """Add a force or torque along an axis of the base's frame to the actuators.
@@ -179,14 +189,15 @@ class BaseAssumptions:
         """
         self.actuators.append(({kind: {"frame": self.frame, "axis": axis}}, remark))
 
-    def drive_along(self, axis: str, step: float = DRIVEN) -> None:
-        """Add the speed of the base along an axis of its frame to the candidate outputs.
+    def drive_along(self, axis: str, step: float = DRIVEN, frame: str = "") -> None:
+        """Add the speed of the base along an axis of a frame to the candidate outputs.
 
         Args:
-            axis: axis of the frame of the base: "x", "y" or "z".
+            axis: axis of the frame: "x", "y" or "z".
             step: displacement of the reference [m].
+            frame: name of the frame; empty for the frame of the base.
         """
-        self.outputs.append(({"frame_speed": {"frame": self.frame, "axis": axis}}, step))
+        self.outputs.append(({"frame_speed": {"frame": frame or self.frame, "axis": axis}}, step))
 
     def add_planar_pose_outputs(self) -> None:
         """Add position on the ground and heading to the candidate outputs."""

@@ -14,7 +14,6 @@ from rnc_pin.applications.init.robot_at_start import PLACED, SAME, RobotAtStart,
 from rnc_pin.applications.init.wheel_detection import Wheel
 from rnc_pin.applications.init.wheel_layout import WheelLayout, in_line
 from rnc_pin.errors import few
-from rnc_pin.io import Json
 from rnc_pin.math import unit_rows
 
 _GUIDES = 2  # largest number of axle lines with a lateral row: two of them fix the centre of rotation
@@ -41,9 +40,8 @@ def turret_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
     # An axle below the pivot cannot push the body sideways: then its pose is no output, see above.
     if abs(pivot.offset(unit.wheels[0].center) @ unit.wheels[0].heading) > 0.1 * unit.wheels[0].radius:
         result.add_planar_pose_outputs()
-    axis = at_start.along(unit.wheels[0].heading, frame)
-    driven: dict[str, Json] = {"frame_speed": {"frame": frame, "axis": axis}}
-    result.outputs += [(driven, DRIVEN), ({"frame_yaw": result.frame}, TURNED), ({"joint": pivot.joint}, BENT)]
+    result.drive_along(at_start.along(unit.wheels[0].heading, frame), frame=frame)
+    result.outputs += [({"frame_yaw": result.frame}, TURNED), ({"joint": pivot.joint}, BENT)]
     wheeled_base.support_by_casters(result, layout)
     result.vertical.append({"frame_position": {"frame": result.frame, "axes": "xy"}})
     question, evidence = "Is the turret driven?", "it carries all driven wheels, and the other wheels are casters"

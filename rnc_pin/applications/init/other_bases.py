@@ -292,18 +292,15 @@ def without_wheels(
         asked: "fixed", "planar" or "free" if the base is given, else None.
         because: reason for the given base.
     """
-    own = at_start.has_free_joint
-    if asked is None:
-        base, floats, why, sure = _likely_motion(at_start, mass_of_base)
-    else:
-        base, floats, why, sure = asked, asked == "free", because, SURE
+    given = None if asked is None else (asked, asked == "free", because, SURE)
+    base, floats, why, sure = given or _likely_motion(at_start, mass_of_base)
     # Three ways to have no wheels: afloat, over the ground, or bolted down.
     if floats:
         rotors = _rotors(at_start)
         if rotors and base == "free":
             # A robot that floats in space may have a ring of wheels, too: never more than a guess.
             why, sure = f"{why}: {len(rotors)} rotors with upright axes around it carry it", min(sure, GUESSED)
-        result = _afloat(at_start, None if own and asked is None else base, why, rotors)
+        result = _afloat(at_start, None if at_start.has_free_joint and asked is None else base, why, rotors)
     elif base == "planar":
         said = "asked for; no wheels were found, so that it moves in any direction"
         result = planar(at_start, why if asked is None else moves_over_ground(at_start) or said, [])

@@ -368,13 +368,9 @@ class RobotAtStart:
         Args:
             joint: name of the joint.
         """
-        driver = self._mimic_drivers.get(joint, joint)
+        driver = mimic_drivers(self.robot, self.drives).get(joint, joint)
         # A locked leader is no joint of this robot any more: its follower then stands for itself.
         return driver if driver in self.robot.joint_names else joint
-
-    @cached_property
-    def _mimic_drivers(self) -> dict[str, str]:
-        return mimic_drivers(self.robot, self.drives)
 
     def are_in_loops(self, one: str, other: str) -> bool:
         """Return whether loop closures of the file couple two joints, through other loops too.
@@ -387,11 +383,11 @@ class RobotAtStart:
         loops: list[set[int]] = []
         for closure in robot.closures:
             ends = [set(model.supports[model.frames[robot.frame_id(name)].parentJoint]) for name in closure[:2]]
-            loop = ends[0] ^ ends[1]  # joints that carry both ends do not move one against the other
-            joined = [each for each in loops if each & loop]
-            loops = [*(each for each in loops if not each & loop), loop.union(*joined)]
-        both = {robot.joint_id(one), robot.joint_id(other)}
-        return any(both <= each for each in loops)
+            loops.append(ends[0] ^ ends[1])  # joints that carry both ends do not move one against the other
+        reached = {robot.joint_id(one)}
+        for _ in loops:  # through one more loop each time
+            reached = reached.union(*(loop for loop in loops if loop & reached))
+        return robot.joint_id(other) in reached
 
     @cached_property
     def frame(self) -> str:

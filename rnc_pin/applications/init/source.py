@@ -17,12 +17,12 @@ import numpy as np
 
 from rnc_pin.applications.init.evidence import DriveEvidence, effort_limit, named_as_driven
 from rnc_pin.applications.init.robot_at_start import GEOMETRY, PLACED, FileNames, shapes
-from rnc_pin.applications.scenario.files import urdf_path
+from rnc_pin.applications.scenario.files import robot_names, urdf_path
 from rnc_pin.applications.scenario.schema.scenario import admitted
 from rnc_pin.applications.scenario.schema.world import RobotSource
 from rnc_pin.errors import ModelError, nearest, place_of
 from rnc_pin.io import Json
-from rnc_pin.robots import Massless, Robot, UselessInertia, example_urdfs, mass_of_box, shipped_directory
+from rnc_pin.robots import Massless, Robot, UselessInertia, mass_of_box
 from rnc_pin.robots.sources import Packages, parse_urdf, parse_xml, read_number
 
 Lock = Mapping[str, float | list[float]]
@@ -317,9 +317,6 @@ def _entry(source: str, folder: Path) -> dict[str, Json]:
         return {"mjcf" if is_mjcf else "urdf": os.path.relpath(path.resolve(), folder.resolve())}
     if os.path.isdir(path):
         raise ModelError(f"'{source}' is a folder, expected a robot's file")
-    shipped = [each.name for each in shipped_directory().glob("*.urdf")]
-    if source in shipped:
-        return {"urdf": source}
-    if source in example_urdfs():
-        return {"example": source}
-    raise ModelError(f"no robot '{source}': neither a file nor a name{nearest(source, [*shipped, *example_urdfs()])}")
+    if source not in robot_names():
+        raise ModelError(f"no robot '{source}': neither a file nor a name{nearest(source, robot_names())}")
+    return {"urdf" if source.endswith(".urdf") else "example": source}

@@ -297,13 +297,10 @@ def is_loaded(robot: Robot, q: np.ndarray, joints: Collection[str]) -> bool:
     lever = 1e-4  # gravity loads a joint above this lever arm of the weight behind it [m]; for a slide, share of it
     least = np.maximum(np.linalg.norm(model.gravity.linear) * lever * np.array(weights), 1e-6)
     # The same poses each time: a draft does not change by chance.
-    generator = np.random.default_rng(0)
-    beside = [q]
     poses, aside = 4, 0.5  # number of random poses, and their distance from the start [rad or m]
-    for _ in range(poses):
-        step = np.zeros(model.nv)
-        step[rows] = generator.uniform(-aside, aside, len(rows))
-        beside.append(pin.integrate(model, q, step))
+    steps = np.zeros((1 + poses, model.nv))
+    steps[1:, rows] = np.random.default_rng(0).uniform(-aside, aside, (poses, len(rows)))
+    beside = [pin.integrate(model, q, step) for step in steps]
     forces = [np.abs(pin.computeGeneralizedGravity(model, data, each))[rows] for each in beside]
     return bool((np.max(forces, axis=0) > least).any())
 

@@ -213,17 +213,14 @@ def classify_wheels(
         # A ball with a motor is a wheel.
         glides = wheel.is_ball and slides and drives.says(wheel.joint) is not True
         (result.balls if glides or _is_caster_across(wheel, on_base, drives) else result.fixed).append(wheel)
-    groups: dict[str, list[Wheel]] = {}
-    # By the pivot next to the wheel: twin wheels on one pivot are one caster, or one axle of a trailer.
-    for wheel in (each for each in wheels if each.pivots):
-        groups.setdefault(wheel.pivots[0].joint, []).append(wheel)
-    for group in groups.values():
-        rolling = [each for each in group if not each.is_ball or drives.says(each.joint)]
+    carriages = []
+    for group in _on_pivots(each for each in wheels if each.pivots):
+        idle = {each.joint for each in group.wheels if each.is_ball and not drives.says(each.joint)}
         # Balls beside wheels on a turret support it; alone, a ball may be the wheel of a caster.
-        if rolling:
-            result.balls += [each for each in group if each.is_ball and not drives.says(each.joint)]
-            group[:] = rolling
-    carriages = [WheelGroup(group[0].pivots[0], tuple(group)) for group in groups.values()]
+        if len(idle) < len(group.wheels):
+            result.balls += [each for each in group.wheels if each.joint in idle]
+            group = replace(group, wheels=tuple(each for each in group.wheels if each.joint not in idle))
+        carriages.append(group)
     for carriage in carriages:
         is_paired = any(_are_knuckles(carriage, each) for each in carriages if each is not carriage)
         _others_like(carriage, result, drives, is_paired).append(carriage)
@@ -243,6 +240,14 @@ def classify_wheels(
     return result
 
 
+def _on_pivots(wheels: Iterable[Wheel]) -> list[WheelGroup]:
+    """Wheels by the pivot next to them: twin wheels on one pivot are one caster, or one axle of a trailer."""
+    groups: dict[str, list[Wheel]] = {}
+    for wheel in wheels:
+        groups.setdefault(wheel.pivots[0].joint, []).append(wheel)
+    return [WheelGroup(group[0].pivots[0], tuple(group)) for group in groups.values()]
+
+
 def _is_caster_across(wheel: Wheel, on_base: Iterable[Wheel], drives: DriveEvidence) -> bool:
     """True if an undriven wheel stands across all others: a ball caster of which the file draws one axis."""
     others = [each for each in on_base if each.joint != wheel.joint and not are_parallel(each, wheel)]
@@ -260,15 +265,10 @@ def _straighten_towed(layout: WheelLayout) -> None:
     towed = [each for each in layout.steered if len(each.wheels[0].pivots) > 1]
     if len(towed) == len(layout.steered) and not layout.fixed:
         return  # nothing else guides the base: steered drives of carts under a load
-    for each in towed:
-        layout.steered.remove(each)
-        layout.straight.append(each.pivot)
-        wheels = tuple(replace(wheel, pivots=wheel.pivots[1:]) for wheel in each.wheels)
-        same = [other for other in layout.trailers if other.pivot.joint == wheels[0].pivots[0].joint]
-        if same:
-            layout.trailers[layout.trailers.index(same[0])] = replace(same[0], wheels=(*same[0].wheels, *wheels))
-        else:
-            layout.trailers.append(WheelGroup(wheels[0].pivots[0], wheels))
+    layout.steered = [each for each in layout.steered if len(each.wheels[0].pivots) == 1]
+    layout.straight = [each.pivot for each in towed]
+    behind = [replace(wheel, pivots=wheel.pivots[1:]) for each in towed for wheel in each.wheels]
+    layout.trailers = _on_pivots([*(wheel for each in layout.trailers for wheel in each.wheels), *behind])
 
 
 def _are_knuckles(one: WheelGroup, other: WheelGroup) -> bool:

@@ -205,7 +205,7 @@ def _roll(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart) 
         if not layout.steered and away >= 0.1 * guide[0].radius:
             guide = []
             edge = _midway(at_start, layout.fixed[0].axle, layout.middle)
-            result.constraints.append(({"no_side_slip": edge}, "the equivalent axle, midway: MEASURE where it turns"))
+            result.constrain("no_side_slip", "the equivalent axle, midway: MEASURE where it turns", **edge)
         result.notes.append(
             f"{len(axles)} axles cannot all roll in a turn: wheels skid sideways, but for "
             + (f"the axle of {', '.join(wheel.joint for wheel in guide)}" if guide else "an equivalent axle midway")
@@ -254,7 +254,7 @@ def _is_left(wheel: Wheel, layout: WheelLayout) -> bool:
 def _crawl(result: BaseAssumptions, layout: WheelLayout, sides: list[list[Wheel]], at_start: RobotAtStart) -> None:
     """Add two tracks: a band couples the wheels of one side, one of them drives it, and its ends support the base."""
     edge = _midway(at_start, layout.fixed[0].axle, np.mean([wheel.center for wheel in layout.fixed], axis=0))
-    result.constraints.append(({"no_side_slip": edge}, "the middle of the tracks: MEASURE where it turns"))
+    result.constrain("no_side_slip", "the middle of the tracks: MEASURE where it turns", **edge)
     drivers = []
     for side in sides:
         every = [*side, *(each for each in layout.raised if _is_left(each, layout) == _is_left(side[0], layout))]
@@ -265,19 +265,18 @@ def _crawl(result: BaseAssumptions, layout: WheelLayout, sides: list[list[Wheel]
         # A sprocket above the ground does not roll: the first wheel below does, and the band couples it.
         rolling = driver if any(wheel is driver for wheel in side) else side[0]
         drivers.append(driver.joint)
-        said = "drives its track" if driver is rolling else f"on the track of {driver.joint}"
-        result.roll(rolling, said, lateral=False)
+        on_track = f"on the track of {driver.joint}"
+        result.roll(rolling, "drives its track" if driver is rolling else on_track, lateral=False)
         result.actuators.append((driver.joint, "drives its track"))
         for wheel in every:
             if wheel is not rolling:
                 # The band has one speed at all rims: rates are as the inverse radii.
                 ratio = round(float(np.sign(wheel.axle @ rolling.axle)) * rolling.radius / wheel.radius, 6)
-                coupled: dict[str, Json] = {"joint": wheel.joint, "driver": rolling.joint, "ratio": ratio}
-                result.constraints.append(({"joint_coupling": coupled}, f"on the track of {driver.joint}"))
+                result.constrain("joint_coupling", on_track, joint=wheel.joint, driver=rolling.joint, ratio=ratio)
         # Rolling rows of all wheels of a track would repeat each other: a caster holds the other end at its height.
         last = max(side, key=lambda wheel: abs(float((wheel.center - rolling.center) @ rolling.heading)))
-        support: dict[str, Json] = {"frame": last.frame, "radius": round(last.radius, 6)}
-        result.constraints.append(({"caster": support}, "supports the other end of its track"))
+        radius = round(last.radius, 6)
+        result.constrain("caster", "supports the other end of its track", frame=last.frame, radius=radius)
         result.passive |= {wheel.joint for wheel in every if wheel is not driver}
     other = Alternative("each wheel has a motor", {"driven": [wheel.joint for wheel in layout.fixed]})
     evidence = "by sprockets above them" if layout.raised else "by the names or the number of its wheels"
@@ -308,7 +307,7 @@ def _steer(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart)
                 ackermann: dict[str, Json] = {"left": main[0].pivot.joint, "right": pivot, "axle": fixed[0].frame}
                 if number:  # by default, the line between both pivots is taken as across: of one axle it is
                     ackermann["axis"] = at_start.own_axis(fixed[0].axle, fixed[0].frame)
-                result.constraints.append(({"ackermann": ackermann}, "all steered wheels turn about one point"))
+                result.constrain("ackermann", "all steered wheels turn about one point", **ackermann)
             else:
                 result.hold([pivot], "on the line of the fixed axle, where no steering is needed")
             # The Ackermann row of the others replaces their lateral rows, which would depend on it.
