@@ -234,10 +234,8 @@ class ScenarioCandidate:
         mobility, motions = self.mobility, self._motions(chosen, share)
         primary = [name for name in chosen.names if name not in mobility.untracked]
         view: dict[str, Json] = {"trail": [mobility.frame] if mobility.base != "fixed" else []}
-        if mobility.ground is not None:
-            view["ground"] = round(mobility.ground, 4) + 0.0  # no -0.0 in the file
-        elif mobility.weightless:
-            view["ground"] = None
+        if mobility.ground is not None or mobility.weightless:
+            view["ground"] = None if mobility.ground is None else round(mobility.ground, 4) + 0.0  # no -0.0 in the file
         redundant = [name for name in chosen.names if name not in primary]
         scenario: dict[str, Json] = {
             "robot": self._robot_entry(),

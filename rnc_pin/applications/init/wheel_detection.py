@@ -189,7 +189,7 @@ class WheelSearch:
         for each in named if standing else ():  # their radius is their height above the common ground
             height = float(each.center[2] - ground)
             if _is_plausible(height) and height < 2 * max(wheel.radius for wheel in standing):
-                standing.append(self._sized(each, height, ground, "height"))
+                standing.append(self._sized(each, height, "height"))
         # A round body that carries a wheel is a rocker or a hub that happens to reach down.
         carriers = {joint for wheel in standing for joint in wheel.carriers}
         self.standing = [wheel for wheel in standing if wheel.joint not in carriers]
@@ -298,7 +298,7 @@ class WheelSearch:
         for candidate in bare:  # of a pair, a file may draw one wheel only
             mate = next((each for each in found if self._are_mates(candidate, each)), None)
             if mate is not None:
-                found.append(self._sized(candidate, mate.radius, float(candidate.center[2]) - mate.radius, "height"))
+                found.append(self._sized(candidate, mate.radius, "height"))
         # Two equal disks side by side are no wrists, although each turns only once.
         pairs = {one.joint for one, other in itertools.permutations(found, 2) if one.is_like(other)}
         return [replace(each, is_doubtful=False) if each.joint in pairs else each for each in found], named
@@ -322,25 +322,23 @@ class WheelSearch:
             disk = fitted_disk(parts, candidate.center, candidate.axle)
             if disk is not None and disk.width < widest * disk.radius:
                 is_ball = all(len(part.points) == 1 for part in parts)
-                sized = self._sized(candidate, disk.radius, disk.bottom, kind)
-                return replace(sized, is_ball=is_ball, width=disk.width)
+                sized = self._sized(candidate, disk.radius, kind)
+                return replace(sized, is_ball=is_ball, width=disk.width, bottom=disk.bottom)
         spun = self._radius_from_inertia(candidate)
         # Shapes that form no disk speak against a wheel, unless its name is one.
         if not candidate.is_named and (spun is None or every):
             return None
-        floor, axle_height = self._floor, float(candidate.center[2])
-        height = axle_height - (floor or 0.0)
-        # A footprint frame lies on the ground by REP 105, so that this height is the radius.
-        if floor is not None and _is_plausible(height):
-            return self._sized(candidate, height, floor, "height")
-        # A factor sqrt(2) separates a disk from a hoop of equal inertia: within it, the height is the better number.
-        if spun is not None and not (_is_plausible(height) and 0.7 < height / spun < 1.4):
-            return self._sized(candidate, spun, axle_height - spun, "inertia")
-        return self._sized(candidate, height, 0.0, "height") if _is_plausible(height) else None
+        height = float(candidate.center[2]) - (self._floor or 0.0)
+        # A footprint frame lies on the ground by REP 105, so that this height is the radius. Without one, a factor
+        # sqrt(2) separates a disk from a hoop of equal inertia: within it, the height is the better number.
+        fits = spun is None or self._floor is not None or 0.7 < height / spun < 1.4
+        if _is_plausible(height) and fits:
+            return self._sized(candidate, height, "height")
+        return None if spun is None else self._sized(candidate, spun, "inertia")
 
-    def _sized(self, wheel: Wheel, radius: float, bottom: float, measured: str) -> Wheel:
-        """Return a wheel with its radius [m], the height of its lowest point [m], and the joints that carry it."""
-        carried = replace(wheel, radius=radius, bottom=bottom, measured=measured)
+    def _sized(self, wheel: Wheel, radius: float, measured: str) -> Wheel:
+        """Return a wheel with its radius [m], the height of its lowest point, and the joints that carry it."""
+        carried = replace(wheel, radius=radius, bottom=float(wheel.center[2]) - radius, measured=measured)
         return self._carried(carried, self._model.parents[self._model.getJointId(wheel.joint)])
 
     def _radius_from_inertia(self, candidate: Wheel) -> float | None:

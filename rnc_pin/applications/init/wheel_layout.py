@@ -159,10 +159,10 @@ class WheelLayout:
         wheels = self.wheels
         if len(wheels) < 2 or self.balls or not all(each.can_lean and are_parallel(wheels[0], each) for each in wheels):
             return False
-        beside = [float((each.center - wheels[0].center) @ wheels[0].axle) for each in wheels]
-        along = [float((each.center - wheels[0].center) @ wheels[0].heading) for each in wheels]
+        centers = np.array([each.center for each in wheels])
         one_track = 0.25  # largest lateral distance of wheels that stand in line, in radii
-        return bool(np.ptp(beside) < one_track * wheels[0].radius < np.ptp(along))
+        beside, along = np.ptp(centers @ wheels[0].axle), np.ptp(centers @ wheels[0].heading)
+        return bool(beside < one_track * wheels[0].radius < along)
 
 
 def in_line(wheels: Iterable[Wheel]) -> list[list[Wheel]]:
