@@ -69,14 +69,13 @@ def swerve_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
         result.drive_along(at_start.along(first.heading))
     if len(guides) < _GUIDES:  # wheels on one line leave the turn about a point of that line
         result.outputs.append(({"frame_yaw": result.frame}, 0.0))
+    wheeled_base.add_wheel_motors(result, layout, at_start)
     for each in layout.steered:
         result.roll_line(each.wheels, f"steered by {each.pivot.joint}", lateral=each.wheels[0].joint in guides)
+        result.steer(each.pivot.joint)
         # All wheels turn to the same side, also about an axis that points down.
         upward = np.sign(at_start.turning_axis(each.pivot.index)[2])
         result.outputs.append(({"joint": each.pivot.joint}, float(upward * BENT)))
-    wheeled_base.add_wheel_motors(result, layout, at_start)
-    for each in layout.steered:  # after the drives, as in lists of motors
-        result.steer(each.pivot.joint)
     wheeled_base.support_by_casters(result, layout)
     result.vertical += place_and_heading(result.frame)
     if len(layout.steered) > len(guides):

@@ -17,6 +17,7 @@ import pinocchio as pin
 
 from rnc_pin.applications.init.evidence import DriveEvidence, mimic_drivers
 from rnc_pin.errors import ModelError
+from rnc_pin.io import Json
 from rnc_pin.robots import Robot
 
 ALIGNED = 0.0175
@@ -423,6 +424,18 @@ class RobotAtStart:
         along = self.data.oMf[self.robot.frame_id(frame or self.frame)].rotation.T @ direction
         is_named = np.abs(along).max() > np.cos(2 * ALIGNED)  # 2 degrees: the axle and the frame each have one
         return self.along(direction, frame) if is_named else [round(float(each), 9) for each in along]
+
+    def knife_edge(self, axle: np.ndarray, point: np.ndarray, frame: str = "") -> dict[str, Json]:
+        """Return the settings of a knife edge across an axle; its point only if it is beside the origin of the frame.
+
+        Args:
+            axle: direction of the axle in the world frame (3,).
+            point: point of the edge in the world frame (3,) [m].
+            frame: name of the frame; empty for the frame of the base.
+        """
+        name = frame or self.frame
+        at = [round(float(each), 6) + 0.0 for each in self.data.oMf[self.robot.frame_id(name)].actInv(point)]
+        return {"frame": name, "axis": self.own_axis(axle, name), **({"at": at} if any(at) else {})}
 
     def body_frame(self, joint: int) -> str:
         """Return the name of the body frame at the joint's placement, or of the joint's own frame if there is none.

@@ -260,8 +260,7 @@ def with_bearable_loads(robot: Robot, start: Mapping[str, float], joints: Collec
     Returns:
         New values, and a line on the moved joints; the given values and no line if no start is bearable.
     """
-    limits = {name: effort_limit(robot, name) for name in joints}
-    limits = {name: limit for name, limit in limits.items() if 0 < limit < np.inf}
+    limits = {name: effort for name in joints if 0 < (effort := effort_limit(robot, name)) < np.inf}
     values = dict(start)
     if (_loads(robot, values, limits) <= 1.0).all():
         return values, []

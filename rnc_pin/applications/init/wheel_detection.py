@@ -467,22 +467,21 @@ class WheelSearch:
 
     def _drawn(self, joint: int, radius: float, center: np.ndarray, axle: np.ndarray, near: float) -> Wheel | None:
         """Wheel without a joint about its axle, or None if no frame of its body is along the axle and near it [m]."""
-        found: list[tuple[bool, float, str, Json]] = []
+        found = []
         for link, place in self._at_start.links_on(joint):
-            axis, away = self._at_start.own_axis(axle, link), float(np.linalg.norm(across(place - center, axle)[:2]))
-            found += [(not isinstance(axis, str), away, link, axis)] if away <= near else []
+            is_oblique = not isinstance(self._at_start.own_axis(axle, link), str)
+            away = float(np.linalg.norm(across(place - center, axle)[:2]))
+            found += [(is_oblique, away, link, place)] if away <= near else []
         if not found:
             return None
         # With an axis along the axle, if possible. Of frames at one place the last: a link that a file adds to a body
         # at the axle is named after the axle.
-        _, _, frame, edge_axis = min(reversed(found), key=lambda each: each[:2])
-        bare = Wheel(str(self._model.names[joint]), frame, center, axle, radius, measured="visual")
-        wheel, placement = self._carried(bare, joint), self._data.oMf[self._at_start.robot.frame_id(frame)]
-        ahead = float((center - placement.translation) @ wheel.heading)
+        _, _, frame, origin = min(reversed(found), key=lambda each: each[:2])
+        wheel = Wheel(str(self._model.names[joint]), frame, center, axle, radius, measured="visual")
+        ahead = float((center - origin) @ wheel.heading)
         # Only the part along the heading: beside and above, a knife edge has the same row.
-        at: list[Json] = [round(float(each), 6) + 0.0 for each in placement.rotation.T @ (ahead * wheel.heading)]
-        edge: dict[str, Json] = {"frame": frame, "axis": edge_axis}
-        return replace(wheel, edge={**edge, "at": at} if abs(ahead) > placed(radius) else edge)
+        at = origin + ahead * wheel.heading if abs(ahead) > placed(radius) else origin
+        return self._carried(replace(wheel, edge=self._at_start.knife_edge(axle, at, frame)), joint)
 
 
 _ROUND = (1 - 10 * SAME) * 2 * np.pi  # range of a joint that turns round once [rad]: files write 3.14

@@ -176,12 +176,7 @@ def knife_edge_base(axles: list[Wheel], drawn: WheelLayout, at_start: RobotAtSta
 
 def _midway(at_start: RobotAtStart, axle: np.ndarray, middle: np.ndarray) -> dict[str, Json]:
     """Knife edge at the midpoint of several axles; axle direction (3,) and midpoint (3,) in the world frame."""
-    edge: dict[str, Json] = {"frame": at_start.frame, "axis": at_start.own_axis(axle)}
-    at = at_start.placement.actInv(np.array([*middle[:2], at_start.placement.translation[2]]))
-    at = [round(float(each), 6) + 0.0 for each in at]
-    if any(at):
-        edge["at"] = at
-    return edge
+    return at_start.knife_edge(axle, np.array([*middle[:2], at_start.placement.translation[2]]))
 
 
 def _kind(layout: WheelLayout, *, is_tracked: bool) -> str:
