@@ -29,7 +29,7 @@ from rnc_pin.errors import ConfigurationError, InfeasibleError
 from rnc_pin.motion.planning import OutputTarget, Way, WaySettings, find_steering, find_way
 from rnc_pin.motion.planning.action_models import KinematicFlow
 from rnc_pin.motion.planning.exact_steering import ExactMotion
-from rnc_pin.motion.planning.way_checking import WayChecker
+from rnc_pin.motion.planning.way import WayChecker
 from rnc_pin.motion.planning.way_finding import SampledBases
 
 _CLEARANCE, _ROOM = 0.01, 0.05  # [m] that the search keeps, and that the way of the construction has

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 import pinocchio as pin
@@ -38,6 +37,7 @@ from rnc_pin.robots.joint_values import limited_positions
 
 DISTANCE = "distance"
 GOAL = "goal"
+_REMEDY = "state a bound for it, or limits=FileLimits({0}=False); in files limits: {{{0}: null}}"
 _WORDS = {"input": "input", "velocity": "velocity", "output": "value", "slip": "speed"}
 
 Limit = ArrayLike | Mapping[str, float] | None
@@ -207,8 +207,8 @@ class DistanceRows(NodeBound):
         super().__init__(DISTANCE, names, (bound.clearance, None), self.measured, units=["m"] * self._count)
         self._bound, self.of_file = bound, not bound.distances.obstacles
         # A solver takes values of the nodes and of the end, and derivatives at the same places after that. Distances
-        # are the largest part of an iteration, so the last two calls are kept.
-        self._recent: deque[dict[tuple[bytes, float], PairDistances]] = deque(maxlen=2)
+        # are the largest part of an iteration, so the last ones are kept.
+        self._known = lru_cache(maxsize=1000)(self._distances_at)
 
     def beyond(self, accuracy: float, start: float, goal: float) -> DistanceRows:
         """Return distances that are larger by the accuracy: a motion that falls short by as much keeps the clearance.
@@ -224,9 +224,10 @@ class DistanceRows(NodeBound):
 
     def at(self, q: Array, t: float) -> PairDistances:
         """Distances up to a little more than the clearance."""
-        key = q.tobytes(), t  # equal bits only: a node that has moved a little is another place
-        known = next((found[key] for found in self._recent if key in found), None)
-        return self.distances.at(q, t, within=self._within) if known is None else known
+        return self._known(q.tobytes(), t)  # equal bits only: a node that has moved a little is another place
+
+    def _distances_at(self, q: bytes, t: float) -> PairDistances:
+        return self.distances.at(np.frombuffer(q), t, within=self._within)
 
     def measured(self, nodes: NodeData, derivatives: bool) -> RowValues:
         """Distances of the nearest pairs, with their derivatives in any case."""
@@ -235,10 +236,8 @@ class DistanceRows(NodeBound):
         # A node with fewer near pairs has rows without effect: all nodes have the same number.
         value = np.full((nodes.size, self._count), far)
         J = np.zeros((nodes.size, self._count, model.nx + model.nu))
-        places = list(zip(nodes.at.q, nodes.time.tolist(), strict=True))
-        near = [self.at(q, t) for q, t in places]
-        self._recent.append({(q.tobytes(), t): found for (q, t), found in zip(places, near, strict=True)})
-        for k, found in enumerate(near):
+        for k, (q, t) in enumerate(zip(nodes.at.q, nodes.time.tolist(), strict=True)):
+            found = self.at(q, t)
             # Pairs change their places as they pass each other, which costs the rows their smoothness there; a row for
             # each pair of a robot would be a hundred rows at each node.
             nearest_first = np.argsort(found.distance, kind="stable")[: self._count]
@@ -351,9 +350,9 @@ class FileLimits:
     def bind(self, model: ActionModel, stated: Sequence[NodeBound]) -> list[NodeBound]:
         """Return the bounds of an action model, without the rows for which other bounds are stated."""
         found = [
-            *(_positions(model, _rows_of("output", stated)) if self.position else ()),
+            *(_positions(model, _rows_of(stated, "output")) if self.position else ()),
             *(_velocities(model, stated) if self.velocity else ()),
-            *(_efforts(model, _rows_of("input", stated)) if self.effort and model.form == "dynamic" else ()),
+            *(_efforts(model, _rows_of(stated, "input")) if self.effort and model.form == "dynamic" else ()),
             *_side_slips(model),
         ]
         for bound in found:
@@ -361,37 +360,36 @@ class FileLimits:
         return found
 
 
-def _rows_of(quantity: str, stated: Sequence[NodeBound]) -> set[str]:
-    found = (zip(bound.names, bound.stated, strict=True) for bound in stated if bound.quantity == quantity)
+def _rows_of(stated: Sequence[NodeBound], *quantities: str) -> set[str]:
+    """Names of the rows for which bounds of some quantities state a limit."""
+    found = (zip(bound.names, bound.stated, strict=True) for bound in stated if bound.quantity in quantities)
     return {name for each in found for name, given in each if given}
 
 
 def _positions(model: ActionModel, replaced: set[str]) -> list[NodeBound]:
-    found, names = limited_positions(model.reduced.robot, None), model.reduced.robot.velocity_names
-    # Row by row: a bound for one joint leaves the limits of the others.
-    kept = [k for k, place in enumerate(found.v) if names[place] not in replaced]
-    if not kept:
-        return []
-    q, v = [found.q[k] for k in kept], [found.v[k] for k in kept]
+    found = limited_positions(model.reduced.robot, None)
+    kept, names = _kept(model, found.v, replaced)
+    rows = partial(_position_rows, [found.q[k] for k in kept], [found.v[k] for k in kept])
     limits = found.lower[kept], found.upper[kept]
-    remedy = "state a bound for it, or limits=FileLimits(position=False); in files limits: {position: null}"
-    rows = partial(_position_rows, q, v)
-    return [NodeBound("output", [names[place] for place in v], limits, rows, remedy=remedy)]
+    return [NodeBound("output", names, limits, rows, remedy=_REMEDY.format("position"))] if kept else []
 
 
 def _velocities(model: ActionModel, stated: Sequence[NodeBound]) -> list[NodeBound]:
-    # There the inputs are the velocities.
-    quantities = ("velocity", "input") if model.form == "kinematic" else ("velocity",)
-    replaced = set().union(*(_rows_of(each, stated) for each in quantities))
+    kinematic = model.form == "kinematic"  # there the inputs are the velocities
     places, largest = limited_velocities(model.reduced.robot, None, None)
-    names = model.reduced.robot.velocity_names
-    kept = [k for k, place in enumerate(places) if names[place] not in replaced]
-    if not kept:
-        return []
-    v, limits = [places[k] for k in kept], (-largest[kept], largest[kept])
-    remedy = "state a bound for it, or limits=FileLimits(velocity=False); in files limits: {velocity: null}"
-    rows, of_state = partial(_linear_rows, np.eye(model.nv)[v]), model.form != "kinematic"
-    return [NodeBound("velocity", [names[place] for place in v], limits, rows, of_state, remedy=remedy)]
+    kept, names = _kept(model, places, _rows_of(stated, "velocity", *(("input",) if kinematic else ())))
+    rows = partial(_linear_rows, np.eye(model.nv)[[places[k] for k in kept]])
+    limits = -largest[kept], largest[kept]
+    return (
+        [NodeBound("velocity", names, limits, rows, not kinematic, remedy=_REMEDY.format("velocity"))] if kept else []
+    )
+
+
+def _kept(model: ActionModel, places: Sequence[int], replaced: set[str]) -> tuple[list[int], list[str]]:
+    """Limits of entries of v that no bound replaces, row by row: a bound for one joint leaves those of the others."""
+    names = [model.reduced.robot.velocity_names[place] for place in places]
+    kept = [k for k, name in enumerate(names) if name not in replaced]
+    return kept, [names[k] for k in kept]
 
 
 def _efforts(model: ActionModel, replaced: set[str]) -> list[NodeBound]:

@@ -145,31 +145,34 @@ class BoundedCommands:
         self._model, self._driven = model, action_model(model.reduced, "acceleration")
         approach = 50.0  # rate of the motion that ends at a bound [1/s], if samples are shorter than 10 ms
         self._bandwidth, self._approach = bandwidth, approach if model.nw else bandwidth / 4.0
-        reduced, kinematic, bounds = model.reduced, model.form == "kinematic", list(bounds)
-        names = (*reduced.reducing.names, *reduced.vertical.names)
+        reduced, kinematic = model.reduced, model.form == "kinematic"
+        outputs = (*reduced.reducing.names, *reduced.vertical.names)
         velocities = model.input_names if kinematic else reduced.reducing.names
+        own = {"output": outputs, "velocity": velocities, "input": model.input_names}
         self._lower, self._upper = np.full(model.nu, -np.inf), np.full(model.nu, np.inf)
-        kept = []
-        # Names decide which bounds hold: those of joints that are no outputs of the model have no row here.
-        for quantity, own in (("output", names), ("velocity", velocities), ("input", model.input_names)):
-            rows = [(own.index(name), *sides) for kind, name, *sides in bounds if kind == quantity and name in own]
-            k, *ends = np.array([each for each in rows if np.isfinite(each).sum() > 1], dtype=float).reshape(-1, 3).T
-            k, sides, room = k.astype(int), np.stack(ends, axis=1), np.zeros(len(k))
-            if quantity == "input" or (kinematic and quantity == "velocity"):
-                np.maximum.at(self._lower, k, ends[0])
-                np.minimum.at(self._upper, k, ends[1])
+        rows = []
+        for quantity, name, low, high in bounds:
+            # Names decide which bounds hold: those of joints that are no outputs of the model have no row here.
+            if name not in own.get(quantity, ()):
                 continue
-            if plan is not None:
-                values = plan[quantity == "velocity"].reshape(-1, len(names))[:, k]
-                gaps = np.stack([values.min(axis=0) - ends[0], ends[1] - values.max(axis=0)], axis=1)
-                # Feedback may follow a plan that comes nearer to a limit than the usual approach would let it.
-                room = gaps.min(axis=1) / 2.0
-                width = np.broadcast_to(np.diff(sides), sides.shape) if quantity == "output" else np.abs(sides)
-                reserve = np.where(np.isfinite(width), _RESERVE * width, 0.0)
-                sides = sides + np.clip(gaps / 2.0, 0.0, reserve) * [1.0, -1.0]
-            kept.append((k, sides, room, np.full(len(k), quantity == "output")))
-        self._k, sides, self._room, self._position = (np.concatenate(each) for each in zip(*kept, strict=True))
-        self._sides, self._vertical = sides.T, bool((self._k >= model.r).any())
+            k = own[quantity].index(name)
+            if quantity == "input" or (kinematic and quantity == "velocity"):
+                self._lower[k], self._upper[k] = max(self._lower[k], low), min(self._upper[k], high)
+            elif np.isfinite([low, high]).any():
+                rows.append((quantity == "velocity", k, low, high))
+        table = np.array(sorted(rows, key=lambda row: row[0]), dtype=float).reshape(-1, 4)
+        self._position, self._k, sides = table[:, 0] == 0, table[:, 1].astype(int), table[:, 2:]
+        self._room, self._vertical = np.zeros(len(rows)), bool((self._k >= model.r).any())
+        if plan is not None:
+            position, velocity = (each.reshape(-1, len(outputs))[:, self._k] for each in plan)
+            values = np.where(self._position, position, velocity)
+            gaps = np.stack([values.min(axis=0) - sides[:, 0], sides[:, 1] - values.max(axis=0)], axis=1)
+            # Feedback may follow a plan that comes nearer to a limit than the usual approach would let it.
+            self._room = gaps.min(axis=1) / 2.0
+            width = np.where(self._position[:, None], np.diff(sides), np.abs(sides))
+            reserve = np.where(np.isfinite(width), _RESERVE * width, 0.0)
+            sides = sides + np.clip(gaps / 2.0, 0.0, reserve) * [1.0, -1.0]
+        self._sides = sides.T
         self._evaluated = model.form == "dynamic" or bool(self._position.any())
         self._eye, self._zeros = np.eye(model.r), np.zeros(model.r)
 

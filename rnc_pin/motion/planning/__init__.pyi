@@ -28,9 +28,9 @@ from .car_path import path_distances as path_distances
 from .inverse_kinematics import IkResult as IkResult
 from .inverse_kinematics import IkSearch as IkSearch
 from .inverse_kinematics import solve_ik as solve_ik
+from .way import NarrowPlace as NarrowPlace
 from .way import Way as Way
 from .way import WayInfo as WayInfo
-from .way_checking import NarrowPlace as NarrowPlace
 from .way_finding import WaySettings as WaySettings
 from .way_finding import find_steering as find_steering
 from .way_finding import find_way as find_way

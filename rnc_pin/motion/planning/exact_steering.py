@@ -135,7 +135,7 @@ class Steering(ABC):
     def motions(self, start: Float[Array, " nq"], goal: Float[Array, " nq"]) -> Iterator[ExactMotion]:
         """Motions to a configuration, the best choice first; joints that follow do not move."""
         for steps in self.displacements(start, goal):
-            yield self._along(start, steps)
+            yield self.along(start, steps)
 
     def prepared(self, q: Float[Array, " nq"]) -> Float[Array, " nq"]:
         """Return a configuration as motions end in it: a car has straight wheels.
@@ -145,11 +145,9 @@ class Steering(ABC):
         """
         return np.array(q)
 
-    def _along(self, start: Array, steps: Array) -> ExactMotion:
-        return self.along(start, steps[np.abs(steps).max(axis=1, initial=0.0) > _SHORT])
-
     def along(self, start: Float[Array, " nq"], steps: Float[Array, "k nv"]) -> ExactMotion:
         """Motion along displacements, with long turns divided: two configurations do not tell them from short ones."""
+        steps = steps[np.abs(steps).max(axis=1, initial=0.0) > _SHORT]
         turn = 1.7  # [rad]; longest turn of one displacement, below a half turn about any axis
         # A base and a ball turn by the logarithm of a rotation, which is the shorter turn: two nodes more than half a
         # turn apart would tell of the opposite motion.
@@ -341,7 +339,7 @@ class CarSteering(_AxleSteering):
         """Motions along all paths, the shortest first, each with its segments in turning radii."""
         for word in self._words(start, goal):
             if word:
-                yield self._along(start, self._steered(word, start, goal)), word
+                yield self.along(start, self._steered(word, start, goal)), word
 
     def _words(self, start: Array, goal: Array) -> list[Word]:
         x, y, turn = self.seen(start, goal)

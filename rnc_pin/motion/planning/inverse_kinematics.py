@@ -160,13 +160,13 @@ def solve_ik(
         steps += found.steps
         if best is None or problem.rank(found) < problem.rank(best):
             best = found
-        if problem.solves(best.q, search.tolerance):
+        if problem.result(best.q, search.tolerance, count, steps).converged:
             break
     if best is None:
         raise ConfigurationError(
             f"targets {', '.join(problem.targets.labels)} are undefined at all {search.starts} starts"
         )
-    if not problem.solves(best.q, search.tolerance):
+    if not problem.result(best.q, search.tolerance, count, steps).converged:
         flat = 1e-13  # relative decrease of the squared error that still counts at a flat minimum
         # Minima beyond the reach are flat: the usual progress ends a descent early, and the nearest configuration would
         # be inexact. Only the best one is worth the further steps.
@@ -256,11 +256,6 @@ class _Problem:
         """Return a key that is smaller for a better configuration: rows that hold come first."""
         return found.residual > _CLOSED, found.error
 
-    def solves(self, q: np.ndarray, tolerance: float) -> bool:
-        """Return True if a configuration reaches all targets, keeps the rows and the clearance."""
-        reached = max(self.targets.residuals(self._kinematics.position(q)).values()) <= tolerance
-        return reached and self._holonomic_residual(q) <= _CLOSED and not self._near(q)
-
     def _holonomic_residual(self, q: np.ndarray) -> float:
         assembly = self._reduced.assembly
         return float(np.abs(assembly.residual(q)[assembly.leading]).max(initial=0.0))
@@ -275,17 +270,18 @@ class _Problem:
 
     def result(self, q: np.ndarray, tolerance: float, starts: int, steps: int) -> IkResult:
         residuals = self.targets.residuals(self._kinematics.position(q))
-        rows = self._reduced.constraints
+        unreachable = {name: error for name, error in residuals.items() if not error <= tolerance}
+        holonomic, near, rows = self._holonomic_residual(q), self._near(q), self._reduced.constraints
         q = q.copy()
         q.setflags(write=False)
         return IkResult(
             q=q,
-            converged=self.solves(q, tolerance),
+            converged=not unreachable and holonomic <= _CLOSED and not near,
             residuals=residuals,
-            unreachable={name: error for name, error in residuals.items() if error > tolerance},
+            unreachable=unreachable,
             active_limits=self._active_limits(q),
-            collisions=self._near(q),
-            holonomic_residual=self._holonomic_residual(q),
+            collisions=near,
+            holonomic_residual=holonomic,
             ignored_rows=tuple(name for name, flag in zip(rows.names, rows.holonomic, strict=True) if not flag),
             starts=starts,
             steps=steps,

@@ -39,10 +39,9 @@ from rnc_pin.motion.planning.exact_steering import (
     base_axes,
 )
 from rnc_pin.motion.planning.inverse_kinematics import IkResult, IkSearch, TangentBounds, solve_ik
-from rnc_pin.motion.planning.way import Way, WayInfo, way_along
-from rnc_pin.motion.planning.way_checking import WayChecker, way_checker
+from rnc_pin.motion.planning.way import Way, WayChecker, WayInfo, drive_times, way_along, way_checker
 from rnc_pin.motion.planning.way_propagation import DEVIATION, PropagatedSearch
-from rnc_pin.motion.planning.way_search import SHORTER, SearchBudget, WaySearch, WayTask, base_area, drive_times
+from rnc_pin.motion.planning.way_search import SHORTER, SearchBudget, WaySearch, WayTask, base_area
 from rnc_pin.robots.joint_values import limited_positions
 
 _ATTEMPT = 4000  # motions of each further search, before it starts again with other random numbers
@@ -223,7 +222,7 @@ def _steering(reduced: ReducedModel, start: Array, settings: WaySettings) -> Ste
 
 def _failure(search: _Search, task: WayTask) -> InfeasibleError:
     """Error about a search without a way: how near it came, and what is in the way."""
-    size, near, checker = base_axes(task.reduced.robot.model), search.nearest.q, task.checker
+    size, near, checker = base_axes(task.reduced.robot.model), search.nearest, task.checker
     text = f"no way found in {task.budget.elapsed:.0f} s, {task.budget.motions} motions checked"
     if size:
         away = float(np.linalg.norm(task.goals[:, :size] - near[:size], axis=1).min())

@@ -17,7 +17,8 @@ from rnc_pin.analysis.growth import filtration, grow
 from rnc_pin.array_shapes import Array, Bool, Float, Int
 from rnc_pin.motion.planning.action_models import KinematicFlow, Shots
 from rnc_pin.motion.planning.exact_steering import ExactMotion, base_axes
-from rnc_pin.motion.planning.way_search import Nearest, WayTask, drive_times
+from rnc_pin.motion.planning.way import drive_times
+from rnc_pin.motion.planning.way_search import WayTask
 from rnc_pin.robots.joint_values import NO_LIMIT
 
 DEVIATION = 5e-4
@@ -93,7 +94,7 @@ class PropagatedSearch:
             distances = task.checker.distances
             self._reach = max(1.0, 2.0 * float(distances.radii[: distances.link_shapes].sum()))
         self._reachable = [self._directions(goal) for goal in task.goals]
-        self.nearest = Nearest(np.inf, task.start)
+        self.nearest, self._nearest_distance = task.start, np.inf
 
     def direct(self) -> None:
         """Return None: every motion needs a search."""
@@ -143,8 +144,8 @@ class PropagatedSearch:
 
     def _note(self, q: Array) -> None:
         distance = float(self._distances(self._task.goals, q).min())
-        if distance < self.nearest.distance:
-            self.nearest = Nearest(distance, np.array(q))
+        if distance < self._nearest_distance:
+            self.nearest, self._nearest_distance = np.array(q), distance
 
     def _extended(self, tree: _Tree, target: Array, generator: np.random.Generator) -> bool:
         """True if a tree has a new node, nearer to a target."""

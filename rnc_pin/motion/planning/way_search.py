@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
@@ -22,8 +22,8 @@ from rnc_pin.collision.shapes import bounding_box
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.motion.planning.exact_steering import ExactMotion, Steering, base_axes
-from rnc_pin.motion.planning.way_checking import WayChecker
-from rnc_pin.robots.joint_values import NO_LIMIT, known_velocity_limits
+from rnc_pin.motion.planning.way import WayChecker, drive_times, speed_limits
+from rnc_pin.robots.joint_values import NO_LIMIT
 
 if TYPE_CHECKING:
     from ompl import base as ob
@@ -246,13 +246,6 @@ class WayTask:
         return speed_limits(self.reduced, self.planned)
 
 
-class Nearest(NamedTuple):
-    """Configuration that was reached from the start, and its distance from the nearest goal."""
-
-    distance: float
-    q: Float[Array, " nq"]
-
-
 class WaySearch:
     """Search between configurations, and shortening of what it finds.
 
@@ -261,7 +254,7 @@ class WaySearch:
         task: start, goals, and what the search may take.
 
     Attributes:
-        nearest: configuration that was reached so far.
+        nearest: configuration that was reached from the start, nearest to a goal so far.
     """
 
     def __init__(self, steering: Steering, task: WayTask) -> None:
@@ -269,7 +262,7 @@ class WaySearch:
         # RRT asks for a motion once to add it, and the path for it again: each is checked once.
         self._known: dict[tuple[bytes, bytes], ExactMotion | None] = {}
         self._reached = {task.start.tobytes()}
-        self.nearest = Nearest(np.inf, task.start)
+        self.nearest, self._nearest_distance = task.start, np.inf
 
     def direct(self) -> ExactMotion | None:
         """Fastest free motion to a goal that needs no search; None if there is none."""
@@ -376,8 +369,8 @@ class WaySearch:
             goals = self._task.goals
             away = self._steering.manifold.difference(np.repeat(second[None], len(goals), axis=0), goals)
             distance = float(np.linalg.norm(away[:, self._steering.planned], axis=1).min())
-            if distance <= self.nearest.distance:
-                self.nearest = Nearest(distance, second)
+            if distance <= self._nearest_distance:
+                self.nearest, self._nearest_distance = second, distance
         return self._known[key]
 
     def is_free(self, motion: ExactMotion) -> bool:
@@ -444,15 +437,3 @@ def _state(information: object, space: WaySpace, q: Array) -> object:
     space.write(state, q)
     information.enforceBounds(state)  # type: ignore[attr-defined]  # the angle pi is out of OMPL's [-pi, pi)
     return state
-
-
-def drive_times(steps: Float[Array, "k nv"], speeds: Float[Array, " nv"]) -> Float[Array, " k"]:
-    """Durations (k,) of displacements at the largest speeds [s]."""
-    return (np.abs(steps) / speeds).max(axis=1, initial=0.0)
-
-
-def speed_limits(reduced: ReducedModel, planned: Bool[Array, " nv"]) -> Float[Array, " nv"]:
-    """Largest speeds (nv,) of the robot's file; without one, 1 m/s or 1 rad/s, and any speed for joints that follow."""
-    limits = known_velocity_limits(reduced.robot.model)
-    usual_speed = 1.0  # [m/s or rad/s] of a joint without a limit
-    return np.where(np.isfinite(limits) | ~planned, limits, usual_speed)

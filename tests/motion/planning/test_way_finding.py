@@ -18,8 +18,7 @@ from driven_bases import drafted_model, tricycle
 from places import ROOT
 from rnc_pin.model.coordinates import ConfigurationManifold
 from rnc_pin.motion.planning import WaySettings, find_way
-from rnc_pin.motion.planning.way import intervals_along, motion_along
-from rnc_pin.motion.planning.way_checking import way_checker
+from rnc_pin.motion.planning.way import intervals_along, motion_along, way_checker
 from rnc_pin.motion.planning.way_finding import SampledBases, goal_configurations, position_limits
 from rnc_pin.motion.planning.way_search import SearchBudget, WaySearch, WaySpace, WayTask
 from systems import ROLLERS, WHEEL, at_pose, driven_panda, four_bar, knife_box, mecanum, mecanum_box, tiago, with_shape
