@@ -231,17 +231,16 @@ class BoundCost:
     def __init__(self, names: Sequence[str], weight: Weight, phase: Phase, rows: NodeFunction) -> None:
         if phase not in ("running", "terminal", "both"):
             raise ConfigurationError(f"cost: phase '{phase}', expected 'running', 'terminal' or 'both'")
-        self.names, self._weight, self.rows = tuple(names), weight, rows
+        self.names, self.rows = tuple(names), rows
         self.running, self.terminal = phase != "terminal", phase != "running"
         # Constant weights are checked here, where the cost is stated; functions of time only when a node asks.
-        self._roots = None if callable(weight) else np.sqrt(weights_of(weight, self.names))
+        self._weight = weight if callable(weight) else np.sqrt(weights_of(weight, self.names))
 
     def root_weights(self, time: Array) -> Array:
         """Square roots of the weights (n, k) at times (n,)."""
-        if self._roots is not None:
-            return np.broadcast_to(self._roots, (len(time), len(self._roots)))
-        assert callable(self._weight)
-        return np.sqrt([weights_of(self._weight(float(t)), self.names) for t in time])
+        if callable(self._weight):
+            return np.sqrt([weights_of(self._weight(float(t)), self.names) for t in time])
+        return np.broadcast_to(self._weight, (len(time), len(self.names)))
 
 
 class CostKind(ABC):

@@ -382,16 +382,17 @@ def _given(problem: Transcription, given: MotionPlan | Way | ArrayLike, duration
 
 def motion_limits(problem: Transcription) -> Limits:
     """Largest reduced velocities and accelerations (r,) within the bounds of a problem in both directions."""
-    model, speeds = problem.model, problem.model.reduced.reducing.names
-    found = np.full((2, model.r), np.inf)
-    of_input = {"kinematic": 0, "acceleration": 1}.get(model.form)
-    for bound in problem.bounds:
-        names, row = (speeds, 0) if bound.quantity == "velocity" else (model.input_names, of_input)
-        for name, low, high in zip(bound.names, bound.lower, bound.upper, strict=True):
-            if bound.quantity in ("velocity", "input") and row is not None and name in names:
-                most = found[row, names.index(name) :][:1]
-                most[:] = min(most[0], min(-low, high) if low < 0 < high else max(-low, high))
-    return found[0], found[1]
+    model = problem.model
+    speeds, rates = np.full((2, model.r), np.inf)
+    own = {"velocity": (speeds, model.reduced.reducing.names)}
+    if model.form != "dynamic":  # efforts limit neither
+        own["input"] = speeds if model.form == "kinematic" else rates, model.input_names
+    for quantity, name, low, high in problem.limits:
+        most, names = own.get(quantity, (speeds, ()))
+        if name in names:
+            k = names.index(name)
+            most[k] = min(most[k], min(-low, high) if low < 0 < high else max(-low, high))
+    return speeds, rates
 
 
 def _spaced(model: ActionModel, q: Array, K: int) -> Array:

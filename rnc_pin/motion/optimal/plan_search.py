@@ -334,7 +334,7 @@ class PlanSearch:
         info = PlanInfo(
             model.form, *names, found.cost, found.violation.amount, found.violation.name, found.iterations, found.guess,
             found.outcome, PlanVerification(alone, None, settings.substeps, self._loop.dt), settings.accuracy,
-            self._tried, self._solved, limits_of(problem),
+            self._tried, self._solved, problem.limits,
         )  # fmt: skip
         (q, w, u), K = map(np.array, (at.q, at.w, at.u)), problem.feedback_gains(at, found.linear)
         plan = MotionPlan(time, q, w, u, K, *output_nodes(model, at), info)
@@ -381,17 +381,3 @@ def _violation(made: _Made) -> tuple[bool, float]:
     """Order of plans: confirmed ones first, then by the largest violation in both integrations."""
     found = made.plan.info.verification
     return not made.confirmed, max(found.violation, found.inputs.violation) if made.confirmed else found.violation
-
-
-def limits_of(problem: Transcription) -> tuple[tuple[str, str, float, float], ...]:
-    """Return the bounds of inputs, velocities and outputs of a problem: quantity, name, smallest and largest value.
-
-    Args:
-        problem: the problem.
-    """
-    return tuple(
-        (bound.quantity, name, float(low), float(high))
-        for bound in problem.bounds
-        for name, low, high in zip(bound.names, bound.lower, bound.upper, strict=True)
-        if bound.quantity in ("input", "velocity", "output")
-    )

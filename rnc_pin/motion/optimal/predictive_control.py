@@ -27,7 +27,6 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.motion.optimal.bounds import BoundKind, Goal, GoalRows
 from rnc_pin.motion.optimal.costs import CostKind
 from rnc_pin.motion.optimal.guesses import along
-from rnc_pin.motion.optimal.plan_search import limits_of
 from rnc_pin.motion.optimal.planner import build_problem, initial_node
 from rnc_pin.motion.optimal.sequential_quadratic import SequentialQuadratic, SolverSettings
 from rnc_pin.motion.optimal.set_point import (
@@ -187,7 +186,7 @@ class PredictiveController(DescribedMixin):
         held = 0.01  # of a limit: the force is held for a sample, so that the acceleration departs from its bound
         return tuple(
             LimitedAcceleration(name.removesuffix("_dot"), "v2", names.index(name), low, high, held)
-            for quantity, name, low, high in limits_of(self._problem)
+            for quantity, name, low, high in self._problem.limits
             if quantity == "input" and (np.isfinite(low) or np.isfinite(high))
         )
 

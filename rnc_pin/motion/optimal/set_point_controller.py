@@ -21,7 +21,6 @@ from rnc_pin.motion.optimal.costs import CostKind, NodeData
 from rnc_pin.motion.optimal.guesses import inputs_for
 from rnc_pin.motion.optimal.motion_plan import MotionPlan
 from rnc_pin.motion.optimal.plan_feedback import FREQUENCY, BoundedCommands, mean_input, regulator_gains, tvlqr
-from rnc_pin.motion.optimal.plan_search import limits_of
 from rnc_pin.motion.optimal.planner import build_problem, initial_node, plan_motion
 from rnc_pin.motion.optimal.sequential_quadratic import SolverSettings
 from rnc_pin.motion.optimal.set_point import AT_REST, SetPoint, nearer_plan
@@ -172,7 +171,7 @@ class SetPointController(DescribedMixin):
         self._direct = np.array(self.weights) == 1  # coordinates that single inputs move
         stated = [each for each in problem.bounds if not each.of_file]
         self._watched = [each for each in stated if each.quantity in ("output", DISTANCE)]
-        self._commands = BoundedCommands(model, limits_of(problem), bandwidth=self.bandwidth)
+        self._commands = BoundedCommands(model, problem.limits, bandwidth=self.bandwidth)
 
     def _settings(self) -> Mapping[str, object]:
         return {name: getattr(self, name) for name in self.described}

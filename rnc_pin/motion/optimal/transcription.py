@@ -87,14 +87,13 @@ class Transcription:
         ends = np.cumsum([len(each.names) for each in blocks]).tolist()
         self.blocks = [(each, slice(a, b)) for each, a, b in zip(blocks, [0, *ends], ends, strict=False)]
         self.names = tuple(title for each in blocks for title in each.titles)
-        self.lower = np.tile(_joined([each.lower for each in blocks]), (K + 1, 1))
+        self.lower = np.full((K + 1, len(self.names)), -np.inf)
         """Lower limits of the rows of every node (K + 1, k); infinite for rows that do not hold at a node."""
-        self.upper = np.tile(_joined([each.upper for each in blocks]), (K + 1, 1))
+        self.upper = -self.lower
         for each, rows in self.blocks:
             # The goal holds at the end; the start cannot be moved, so that rows of its state would ask for nothing.
-            nodes = slice(0, K) if each is goal else slice(0, 1) if each.of_state else slice(K, K + 1)
-            self.lower[nodes, rows], self.upper[nodes, rows] = -np.inf, np.inf
-
+            nodes = slice(K, None) if each is goal else slice(1, None) if each.of_state else slice(0, K)
+            self.lower[nodes, rows], self.upper[nodes, rows] = each.lower, each.upper
         self._keep_reserve()
         for each, rows in self.blocks:
             for row, title in enumerate(each.titles, rows.start):
@@ -127,6 +126,16 @@ class Transcription:
                 high = np.fmax(np.fmin(high, each.upper - values), 0.0)
             self.lower[:, rows] += low
             self.upper[:, rows] -= high
+
+    @property
+    def limits(self) -> tuple[tuple[str, str, float, float], ...]:
+        """Bounds of inputs, velocities and outputs: quantity, name, smallest and largest value."""
+        return tuple(
+            (bound.quantity, name, float(low), float(high))
+            for bound in self.bounds
+            for name, low, high in zip(bound.names, bound.lower, bound.upper, strict=True)
+            if bound.quantity in ("input", "velocity", "output")
+        )
 
     def times(self, duration: float) -> Array:
         """Times of the nodes (K + 1,) [s]."""
@@ -318,7 +327,3 @@ def gains_of(linear: LinearQuadratic, room: Float[Array, "N1 k"]) -> Float[Array
     C = linear.G[-1, equal, :nx] / sizes[-1, equal, None]
     factors = RiccatiFactors(linear.scaled_dynamics, H, linear.H_end + _GOAL * C.T @ C)
     return inputs[:, None] * factors.K
-
-
-def _joined(parts: Sequence[Array]) -> Array:
-    return np.concatenate([np.empty(0), *parts])

@@ -176,19 +176,17 @@ def _check_stands(obstacles: Sequence[Obstacle]) -> None:
 
 def _fastest(search: _Search, task: WayTask, settings: WaySettings, seed: int) -> ExactMotion | None:
     """Fastest motion that searches find until the budget is over; None for none."""
-    model, budget = task.reduced.robot.model, task.budget
-    motion, every, attempt = search.direct(), list(model.names)[1:], 0
-    direct, tight = motion is not None, base_axes(model) > 0
-    best: ExactMotion | None = None
-    shortest = np.inf
-    while True:
-        if motion is None:
-            first = 400  # motions of the first search, in which joints stay within the range of start and goals
-            # At first the joints of a mobile robot stay within the range of start and goals: most ways need its base
-            # alone, and the space of the arm's joints is much larger.
-            held, most = (every, first) if tight else (settings.hold, _ATTEMPT)
-            motion = search.run(held, most, seed + attempt)
-            attempt += 1
+    motion = search.direct()
+    if motion is not None:
+        return search.shortened(motion, settings.shortcuts, seed)
+    model, budget, best, shortest = task.reduced.robot.model, task.budget, None, np.inf
+    tight = base_axes(model) > 0
+    for attempt in count():
+        first = 400  # motions of the first search, in which joints stay within the range of start and goals
+        # At first the joints of a mobile robot stay within the range of start and goals: most ways need its base
+        # alone, and the space of the arm's joints is much larger.
+        held, most = (list(model.names)[1:], first) if tight else (settings.hold, _ATTEMPT)
+        motion = search.run(held, most, seed + attempt)
         if motion is not None:
             # RRT's ways have needless detours: before they are shortened, their durations say little.
             motion = search.shortened(motion, settings.shortcuts, seed)
@@ -197,9 +195,8 @@ def _fastest(search: _Search, task: WayTask, settings: WaySettings, seed: int) -
                 budget.limit(settings.improve)
             if duration < (1.0 - SHORTER) * shortest:
                 best, shortest = motion, duration
-            motion = None
         tight = tight and best is not None  # what led to a way may lead to a faster one
-        if direct or budget.is_over:
+        if budget.is_over:
             break
     return best
 
