@@ -349,12 +349,8 @@ def _without_bounds(problem: LinearQuadratic, H: Array, g: Array, weight: float)
     slopes[:, :, 0], g_end[:, 0], gap[:, :, 0] = g, problem.g_end, problem.gap
     g_end[:, 1:] = E.T
     z, x, costate = factors.solve(slopes, g_end, gap)
-    if len(rows):
-        reach = -(E @ x[:, 1:])
-        # By least squares: goals may be dependent, such as the yaw of two frames of one body.
-        multipliers, *_ = np.linalg.lstsq(reach, E @ x[:, 0] - goal, rcond=1e-10)
-    else:
-        multipliers = np.empty(0)
+    # By least squares: goals may be dependent, such as the yaw of two frames of one body.
+    multipliers, *_ = np.linalg.lstsq(-(E @ x[:, 1:]), E @ x[:, 0] - goal, rcond=1e-10)
     combination = np.concatenate([[1.0], multipliers])
     whole = np.zeros((N + 1, nz))
     whole[:-1], whole[-1, :nx] = z @ combination, x @ combination

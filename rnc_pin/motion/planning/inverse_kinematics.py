@@ -21,6 +21,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import OutputTarget, OutputTargets
 from rnc_pin.printing import printed
 from rnc_pin.robots.joint_values import NO_LIMIT
+from rnc_pin.robots.robot import Robot
 
 _CLOSED = 1e-9  # largest residual of holonomic rows of a solution [m or rad]
 _ROUNDING = 1e-13
@@ -147,7 +148,8 @@ def solve_ik(
     q0 = ConfigurationValidator(reduced.robot).validate_one(q0, "q0")
     if not (is_number(clearance) and clearance >= 0.0):
         raise InputError(f"clearance: expected a number of at least 0 m, found {clearance!r}")
-    problem = _Problem(reduced, OutputTargets(reduced, targets), hold, limits, collisions, clearance)
+    bounds = TangentBounds(reduced.robot, hold, limits)
+    problem = _Problem(reduced, OutputTargets(reduced, targets), bounds, collisions, clearance)
     generator = np.random.default_rng(search.seed)
     best: Descent | None = None
     steps = count = 0
@@ -175,42 +177,33 @@ def solve_ik(
     return problem.result(problem.with_fewest_turns(best.q, q0), search.tolerance, count, steps)
 
 
+@dataclass(eq=False)
 class _Problem:
     """Inverse kinematics as a least-squares problem with equalities and bounds."""
 
-    def __init__(
-        self,
-        reduced: ReducedModel,
-        targets: OutputTargets,
-        hold: Sequence[str],
-        limits: bool,
-        collisions: CollisionDistances | None,
-        clearance: float,
-    ) -> None:
-        robot, model = reduced.robot, reduced.robot.model
-        self._reduced, self.targets, self._collisions, self._clearance = reduced, targets, collisions, clearance
-        self._kinematics = Kinematics(robot)
-        held = np.zeros(robot.nv, dtype=bool)
-        for name in hold:
-            held[robot.velocity_indices(name)] = True
-        none = np.full(robot.nq, np.inf)
-        lower, upper = (model.lowerPositionLimit, model.upperPositionLimit) if limits else (-none, none)
-        self.bounds = TangentBounds(model, lower, upper, held)
+    reduced: ReducedModel
+    targets: OutputTargets
+    bounds: TangentBounds
+    collisions: CollisionDistances | None
+    clearance: float
+
+    def __post_init__(self) -> None:
+        self._kinematics = Kinematics(self.reduced.robot)
 
     def evaluate(self, q: np.ndarray) -> Residuals:
         at = self._kinematics.position(q)
         e = self.targets.error(at, self.targets.goal)
         J = self.targets.error_jacobian(at, e)
-        if self._collisions is not None:
+        if self.collisions is not None:
             # A little farther than the clearance, so that the configuration keeps it although the error is not zero.
-            near = self._collisions.at(q, within=self._clearance + _EXTRA)
-            e = np.concatenate([e, _REPULSION * (self._clearance + _EXTRA - near.distance)])
+            near = self.collisions.at(q, within=self.clearance + _EXTRA)
+            e = np.concatenate([e, _REPULSION * (self.clearance + _EXTRA - near.distance)])
             J = np.concatenate([J, _REPULSION * near.jacobian])
         return self._with_rows(at, e, J)
 
     def _with_rows(self, at: PositionKinematics, e: np.ndarray, J: np.ndarray) -> Residuals:
         """Errors of targets beside the holonomic rows that do not follow from others."""
-        assembly = self._reduced.assembly
+        assembly = self.reduced.assembly
         return Residuals(e, J, assembly.residual(at.q)[assembly.leading], assembly.jacobian(at)[assembly.leading])
 
     def closed(self, found: Descent) -> Descent:
@@ -218,7 +211,7 @@ class _Problem:
         if found.residual <= _ROUNDING:
             return found
         # The descent weighs targets against rows where both cannot hold: without targets, the rows decide.
-        nothing = np.zeros((0, self._reduced.n))
+        nothing = np.zeros((0, self.reduced.n))
         place = self._kinematics.position
         polished = descend(lambda q: self._with_rows(place(q), nothing[:, 0], nothing), self.bounds, found.q)
         error = float(np.linalg.norm(self.evaluate(polished.q).e))
@@ -226,9 +219,9 @@ class _Problem:
 
     def random_start(self, q0: np.ndarray, generator: np.random.Generator) -> np.ndarray:
         """Return a random configuration: within the limits; joints without limits near q0."""
-        bounds, model = self.bounds, self._reduced.robot.model
+        bounds, model = self.bounds, self.reduced.robot.model
         step = generator.uniform(-_TURN, _TURN, model.nv)
-        step[[unit == "m/s" for unit in self._reduced.robot.velocity_units]] *= _AWAY / _TURN
+        step[[unit == "m/s" for unit in self.reduced.robot.velocity_units]] *= _AWAY / _TURN
         step[bounds.held] = 0.0
         q = pin.integrate(model, q0, step)
         # Entries with limits are drawn anew, over their whole range.
@@ -242,7 +235,7 @@ class _Problem:
     def with_fewest_turns(self, q: np.ndarray, q0: np.ndarray) -> np.ndarray:
         """Return the same configuration without full turns from q0, as far as limits and targets do not need them."""
         turned, (low, high) = q.copy(), self.bounds.room(q)
-        for joint in list(self._reduced.robot.model.joints)[1:]:
+        for joint in list(self.reduced.robot.model.joints)[1:]:
             if joint.nq == 1 and joint.shortname().startswith("JointModelR"):
                 k = joint.idx_q
                 turns = -2 * np.pi * np.round((q[k] - q0[k]) / (2 * np.pi))
@@ -257,21 +250,21 @@ class _Problem:
         return found.residual > _CLOSED, found.error
 
     def _holonomic_residual(self, q: np.ndarray) -> float:
-        assembly = self._reduced.assembly
+        assembly = self.reduced.assembly
         return float(np.abs(assembly.residual(q)[assembly.leading]).max(initial=0.0))
 
     def _near(self, q: np.ndarray) -> dict[str, float]:
         """Return the pairs that are nearer than the clearance, with their distances [m]."""
-        if self._collisions is None:
+        if self.collisions is None:
             return {}
-        near = self._collisions.at(q, within=self._clearance)
-        labels = [self._collisions.pairs[pair].label for pair in near.pairs.tolist()]
+        near = self.collisions.at(q, within=self.clearance)
+        labels = [self.collisions.pairs[pair].label for pair in near.pairs.tolist()]
         return dict(zip(labels, near.distance.tolist(), strict=True))
 
     def result(self, q: np.ndarray, tolerance: float, starts: int, steps: int) -> IkResult:
         residuals = self.targets.residuals(self._kinematics.position(q))
         unreachable = {name: error for name, error in residuals.items() if not error <= tolerance}
-        holonomic, near, rows = self._holonomic_residual(q), self._near(q), self._reduced.constraints
+        holonomic, near, rows = self._holonomic_residual(q), self._near(q), self.reduced.constraints
         q = q.copy()
         q.setflags(write=False)
         return IkResult(
@@ -288,7 +281,7 @@ class _Problem:
         )
 
     def _active_limits(self, q: np.ndarray) -> tuple[str, ...]:
-        bounds, names = self.bounds, self._reduced.robot.velocity_names
+        bounds, names = self.bounds, self.reduced.robot.velocity_names
         here = q[bounds.q_index]
         ends = np.select([here <= bounds.lower + _LIMIT, here >= bounds.upper - _LIMIT], ["lower", "upper"], "")
         return tuple(f"{names[k]} ({end})" for k, end in zip(bounds.v_index, ends, strict=True) if end)
@@ -331,22 +324,24 @@ class Descent(NamedTuple):
 
 
 class TangentBounds:
-    """Position limits of joints in tangent coordinates.
+    """Position limits of the robot's file in tangent coordinates; entries beyond ``NO_LIMIT`` are none.
 
     Args:
-        model: Pinocchio model.
-        lower, upper: limits (nq,); entries beyond ``NO_LIMIT`` are none.
-        held: mask (nv,) of entries that do not move.
+        robot: the robot.
+        hold: names of joints that do not move.
+        limits: False for no limits.
     """
 
-    def __init__(self, model: pin.Model, lower: np.ndarray, upper: np.ndarray, held: np.ndarray) -> None:
-        self.model, self.held = model, held
-        joints = [joint for joint in list(model.joints)[1:] if joint.nq == joint.nv]
+    def __init__(self, robot: Robot, hold: Sequence[str] = (), limits: bool = True) -> None:
+        self.model, self.held = robot.model, np.zeros(robot.nv, dtype=bool)
+        for name in hold:
+            self.held[robot.velocity_indices(name)] = True
+        joints = [joint for joint in list(self.model.joints)[1:] if joint.nq == joint.nv]
         entries = [(joint.idx_q + k, joint.idx_v + k) for joint in joints for k in range(joint.nv)]
         iq, iv = np.array(entries, dtype=int).reshape(-1, 2).T
-        bounded = (lower[iq] < upper[iq]) & ((lower[iq] > -NO_LIMIT) | (upper[iq] < NO_LIMIT))
-        self.q_index, self.v_index = iq[bounded], iv[bounded]
-        self.lower, self.upper = lower[self.q_index], upper[self.q_index]
+        low, high = self.model.lowerPositionLimit[iq], self.model.upperPositionLimit[iq]
+        bounded = limits & (low < high) & ((low > -NO_LIMIT) | (high < NO_LIMIT))
+        self.q_index, self.v_index, self.lower, self.upper = iq[bounded], iv[bounded], low[bounded], high[bounded]
 
     def clip(self, q: np.ndarray) -> np.ndarray:
         """Return q with all entries within the limits; held entries too."""

@@ -247,7 +247,7 @@ def check_configuration(reduced: ReducedModel, checker: WayChecker | None, q: Ar
 
 def _problem_of(reduced: ReducedModel, checker: WayChecker | None, q: Array) -> str:
     """Text about a configuration that is beyond a limit or too near to something; "" for others."""
-    bounds = position_limits(reduced)
+    bounds = TangentBounds(reduced.robot)
     moved = np.abs(bounds.clip(q) - q)
     rounding = 1e-9  # [rad or m]; inverse kinematics and integrations end at a limit to rounding
     if moved.max() > rounding:
@@ -256,16 +256,6 @@ def _problem_of(reduced: ReducedModel, checker: WayChecker | None, q: Array) -> 
         return f"is beyond the position limit of joint '{name}' by {moved.max():.3g}"
     near = None if checker is None else checker.violation(q)
     return "" if near is None else f"is too near: {near[0]} are {near[1]:.3g} m apart"
-
-
-def position_limits(reduced: ReducedModel) -> TangentBounds:
-    """Position limits of the robot's file.
-
-    Args:
-        reduced: the model.
-    """
-    model = reduced.robot.model
-    return TangentBounds(model, model.lowerPositionLimit, model.upperPositionLimit, np.zeros(model.nv, dtype=bool))
 
 
 def goal_configurations(
@@ -300,15 +290,14 @@ def goal_configurations(
     # The check asks for one tolerance beyond the clearance; at its very limit, rounding would decide about a goal.
     clearance = 0.0 if checker is None else checker.clearance + 2 * checker.tolerance
 
-    bounds, (low, high) = position_limits(reduced), np.full((2, reduced.n), [[-np.pi], [np.pi]])
+    bounds, (low, high) = TangentBounds(reduced.robot, settings.hold), np.full((2, reduced.n), [[-np.pi], [np.pi]])
     ends = [bounds.lower, bounds.upper] - start[bounds.q_index]
     low[bounds.v_index], high[bounds.v_index] = np.clip(ends, -np.pi, np.pi)
 
     def drawn(generator: np.random.Generator) -> Array:
         """Random configuration near the start: joints within their limits, and not at them."""
         step = generator.uniform(low, high)
-        for name in settings.hold:
-            step[reduced.robot.velocity_indices(name)] = 0.0
+        step[bounds.held] = 0.0
         return np.asarray(pin.integrate(reduced.robot.model, start, step))
 
     def reached(begin: Array, starts: int, besides: CollisionDistances | None = None) -> tuple[IkResult, Array, str]:

@@ -244,7 +244,8 @@ def test_each_of_three_slides_stops_at_its_own_limit():
     high = np.array([np.inf, np.inf, np.inf, np.inf, 0.5, 0.1, 0.2, 0.3])
     low, high[6] = -high, np.inf  # limits on one side are limits
     low[5] = -np.inf
-    bounds = TangentBounds(model, low, high, np.zeros(7, dtype=bool))
+    model.lowerPositionLimit, model.upperPositionLimit = low, high
+    bounds = TangentBounds(rnc.Robot(model))
     assert bounds.v_index.tolist() == [3, 4, 5, 6]
     goal, J = np.array([0.4, 3.0, -2.0, 0.25]), np.eye(7)[3:]
     nothing = np.zeros((0, 7))
@@ -260,7 +261,8 @@ def test_each_of_three_slides_stops_at_its_own_limit():
 def test_an_equality_of_coupled_joints_satisfies_the_conditions_of_optimality():
     """Joints within their limits have one slope; the others would go beyond."""
     model, high = slides([pin.JointModelPX()] * 4), np.array([0.3, 0.4, 0.5, 0.6])
-    generator, bounds = np.random.default_rng(5), TangentBounds(model, -high, high, np.zeros(4, dtype=bool))
+    model.lowerPositionLimit, model.upperPositionLimit = -high, high
+    generator, bounds = np.random.default_rng(5), TangentBounds(rnc.Robot(model))
     for _ in range(12):
         J, goal, total = generator.normal(size=(4, 4)), generator.normal(size=4), generator.uniform(-0.8, 0.8)
 

@@ -18,8 +18,9 @@ from driven_bases import drafted_model, tricycle
 from places import ROOT
 from rnc_pin.model.coordinates import ConfigurationManifold
 from rnc_pin.motion.planning import WaySettings, find_way
+from rnc_pin.motion.planning.inverse_kinematics import TangentBounds
 from rnc_pin.motion.planning.way import intervals_along, motion_along, way_checker
-from rnc_pin.motion.planning.way_finding import SampledBases, goal_configurations, position_limits
+from rnc_pin.motion.planning.way_finding import SampledBases, goal_configurations
 from rnc_pin.motion.planning.way_search import SearchBudget, WaySearch, WaySpace, WayTask
 from systems import ROLLERS, WHEEL, at_pose, driven_panda, four_bar, knife_box, mecanum, mecanum_box, tiago, with_shape
 
@@ -109,7 +110,7 @@ def test_a_goal_of_outputs_is_reached():
     for q in (find_way(reduced, start, goal, gap(1.6, 0.1)).q[-1], *goals):
         at = rnc.NonholonomicSystem(reduced.robot, []).reduce().at(q)
         assert rows.value(at.position) == pytest.approx([4.0, 1.0], abs=1e-5)
-    limits, turned = position_limits(tiago()), {rnc.FrameYaw("base_link"): 1.0}
+    limits, turned = TangentBounds(tiago().robot), {rnc.FrameYaw("base_link"): 1.0}
     drawn = goal_configurations(turned, at_pose(tiago(), 0.0, 0.0), None, tiago(), None, WaySettings(goals=3), 1)[1:]
     assert ((limits.lower < drawn[:, limits.q_index]) & (drawn[:, limits.q_index] < limits.upper)).all()
 
