@@ -138,8 +138,6 @@ class ConstrainedDynamics:
         self._where = np.flatnonzero(self.integrated)
         # w, outputs whose values are integrated, the time if constraints need it, and the work.
         self.state_size = self._r + len(self._where) + reduced.rheonomic + 1
-        self._no_integrals = np.zeros(self._r)
-        self._no_integrals.setflags(write=False)
         self._motion = ReducedMotion(reduced.robot, self.damping)
         self.chart: VelocityChart
 
@@ -176,8 +174,6 @@ class ConstrainedDynamics:
         Args:
             y: states of the integrator (..., state_size).
         """
-        if not len(self._where) and y.ndim == 1:
-            return self._no_integrals
         integrals = np.zeros((*y.shape[:-1], self._r))
         integrals[..., self._where] = y[..., self._r : self._r + len(self._where)]
         return integrals

@@ -182,7 +182,7 @@ def _quantities(record: Record, forces: _Forces, signals: dict[str, Array]) -> d
         "normal_forces": (len(outputs.normal_forces.names),), "slip": (len(kept),), "energy": (),
         "constraint_residual": (), "position_residual": (), "singular_value": (), "ground_poses": (3 * len(bodies),),
     }  # fmt: skip
-    derived = {name: np.empty((record.count, *size)) for name, size in sizes.items()}
+    derived = {name: np.empty((len(signals["time"]), *size)) for name, size in sizes.items()}
     forces_of_plant = record.external
     for start, end, plant in record.stretches():
         for inner in blocks(end - start, _MATRICES * reduced.n**2):

@@ -88,11 +88,6 @@ class Record:
         self._shapes: dict[str, tuple[int, ...]] = {}  # of the optional arrays in a sample
         self._samples: list[_Recorded] = []
 
-    @property
-    def count(self) -> int:
-        """Number of samples so far."""
-        return len(self._samples)
-
     def take(self, rows: Array) -> None:
         """Take the rows (N, ``width``) of samples that somebody else has recorded, of a plant with the same model.
 

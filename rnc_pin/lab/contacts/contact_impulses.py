@@ -363,10 +363,10 @@ class FrictionImpulses:
         found = zip(self._normals, limits, strict=True)
         return all(np.abs(self._b[[row, *self._held([row])]]).max() <= limit for row, limit in found)
 
-    def _stopping(self, rows: list[int]) -> np.ndarray:
-        """Impulses (k,) of least norm along some rows that stop them."""
+    def _stopping(self, rows: list[int], dependent: float = 1e-10) -> np.ndarray:
+        """Impulses (k,) of least norm along some rows that stop them; ``dependent`` as for ``null_space``."""
         p = np.zeros(len(self._b))
-        p[rows] = np.linalg.lstsq(self._G[np.ix_(rows, rows)], -self._b[rows], rcond=1e-10)[0]
+        p[rows] = np.linalg.lstsq(self._G[np.ix_(rows, rows)], -self._b[rows], rcond=dependent)[0]
         return p
 
     def impact(self, restitution: np.ndarray) -> np.ndarray:
@@ -491,16 +491,13 @@ class RigidImpulses(FrictionImpulses):
         """Impulses (k,) that stop a set of contacts; none of the normal ones is negative if they can share them so."""
         normals = [self._normals[number] for number in sorted(closed)]
         rows = sorted([*normals, *(row for each in self._groups if each.normal in normals for row in _indices(each))])
-        G = self._G[np.ix_(rows, rows)]
-        p, up = np.zeros(len(self._b)), [rows.index(row) for row in normals]
         dependent = 1e-12  # singular value that counts as zero, relative to the largest
         # Rows of several contacts can be dependent: the shortest impulses of all that stop them.
-        own = np.linalg.lstsq(G, -self._b[rows], rcond=dependent)[0]
-        if (own[up] < 0.0).any():
-            null = null_space(G, dependent)
-            shared = nonnegative(own[up], null[up])
-            own = own + null @ np.linalg.lstsq(null[up], shared - own[up], rcond=None)[0]
-        p[rows] = own
+        p = self._stopping(rows, dependent)
+        if (p[normals] < 0.0).any():
+            null, up = null_space(self._G[np.ix_(rows, rows)], dependent), [rows.index(row) for row in normals]
+            shared = nonnegative(p[normals], null[up])
+            p[rows] += null @ np.linalg.lstsq(null[up], shared - p[normals], rcond=None)[0]
         return p
 
 

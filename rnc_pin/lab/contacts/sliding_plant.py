@@ -104,10 +104,9 @@ class SlidingPlant:
             v: velocity (nv,), e.g. after an impact.
         """
         self.touching, self._present = touching, self._now._replace(v=v)
-        state = self.state
         layout = self._rows.layout(touching)
-        rows, ground = self._rows.at(state, layout)
-        slip = rows @ state.v - ground
+        rows, ground = self._rows.at(self.state, layout)
+        slip = rows @ v - ground
         # Forces of other rows are no guess for those of these.
         self._now = self._present = self._present._replace(slip=slip, rates=np.zeros(0))
         return self._note(self._slides(layout, slip))
