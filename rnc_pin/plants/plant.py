@@ -128,8 +128,7 @@ class Plant(Protocol):
 class VelocityTaking(Protocol):
     """Plant whose inputs may be velocities of its actuators."""
 
-    @property
-    def takes_velocities(self) -> bool: ...
+    takes_velocities: bool
 
 
 def takes_velocities(plant: object) -> bool:

@@ -213,11 +213,11 @@ def replay_limits(
         raise InputError(f"q has {trajectory.q.shape[1]} entries, but nq of the robot is {robot.nq}")
     if not len(trajectory.time):
         raise InputError("the run has no samples")
-    if further is None and trajectory.grounds is not None:
-        reduced, accelerations, _ = trajectory.grounds
+    if further is None:
         # A run that was just made knows its limits; one from a file is judged by the robot alone.
-        further = FurtherLimits(accelerations, reduced.actuation.stated_limits)
-    further = further or FurtherLimits()
+        grounds, further = trajectory.grounds, FurtherLimits()
+        if grounds is not None:
+            further = FurtherLimits(grounds.accelerations, grounds.reduced.actuation.stated_limits)
     # A run that comes near a limit is told how near: all uses are kept, not only those beyond.
     found = [
         *_positions(robot, trajectory),

@@ -34,16 +34,15 @@ _UNPRINTED = {"scenario", "outcome", "duration", "samples", "findings", "late", 
 _UNPRINTED |= {"verdict", "first_finding"}  # in the title
 
 
-class Learning(TypedDict, total=False):
-    """Results of an adaptive controller; "late" means the second half of the run."""
+class Compared(TypedDict):
+    """Outcome and absolute errors [m or rad] by output, of a run or of a comparison run.
 
-    final_estimates: list[float]
-    late_prediction_error_rms: float
-    late_rms_error: dict[str, float]
+    Of an adaptive controller also its results, where "late" means the second half of the run.
+    """
 
-
-class Compared(Learning):
-    """Outcome and absolute errors [m or rad] by output, of a run or of a comparison run."""
+    final_estimates: NotRequired[list[float]]
+    late_prediction_error_rms: NotRequired[float]
+    late_rms_error: NotRequired[dict[str, float]]
 
     outcome: str
     message: NotRequired[str]
@@ -154,7 +153,7 @@ def summarize(trajectory: RunData, wall_time: float | None = None) -> Summary:
         "final_output": {name: float(column[-1]) for name, column in values if len(column)},
         "final_error": {name: float(abs(error[-1])) for name, error in errors.items() if len(error)},
         "max_error": {name: float(np.abs(error).max()) for name, error in errors.items() if len(error)},
-        "rms_error": {name: float(np.sqrt(np.mean(error**2))) for name, error in errors.items() if len(error)},
+        "rms_error": {name: _rms(error) for name, error in errors.items() if len(error)},
         "constraint_residual_max": float(trajectory.constraint_residual.max(initial=0.0)),
         "position_residual_max": float(trajectory.position_residual.max(initial=0.0)),
         "energy_drift": _drift(balance, trajectory.energy),
@@ -179,7 +178,11 @@ def summarize(trajectory: RunData, wall_time: float | None = None) -> Summary:
         ]
     # A run without samples has no second half.
     if trajectory.estimates.shape[1] and len(trajectory.time):
-        _add_learning(summary, trajectory)
+        late = trajectory.time >= 0.5 * trajectory.time[-1]
+        errors = {name: error[late] for name, error in tracking_errors(trajectory).items()}
+        summary["final_estimates"] = trajectory.estimates[-1].tolist()
+        summary["late_prediction_error_rms"] = _rms(trajectory.prediction_error[late])
+        summary["late_rms_error"] = {name: _rms(error) for name, error in errors.items()}
     # A TypedDict has no methods: the mapping that prints itself has the same keys.
     return cast(Summary, PrintedSummary(summary, info.outputs))
 
@@ -282,10 +285,5 @@ def _drift(balance: np.ndarray, energy: np.ndarray) -> float | None:
     return float(np.abs(balance - balance[0]).max() / max(scale, 1e-12))
 
 
-def _add_learning(summary: Summary, trajectory: RunData) -> None:
-    late = trajectory.time >= 0.5 * trajectory.time[-1]
-    summary["final_estimates"] = trajectory.estimates[-1].tolist()
-    summary["late_prediction_error_rms"] = float(np.sqrt(np.mean(trajectory.prediction_error[late] ** 2)))
-    summary["late_rms_error"] = {
-        name: float(np.sqrt(np.mean(error[late] ** 2))) for name, error in tracking_errors(trajectory).items()
-    }
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
