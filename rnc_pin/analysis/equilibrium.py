@@ -24,7 +24,7 @@ from rnc_pin.analysis.lie_brackets import frame_bracket
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import ConstraintError, ModelError, SingularityError, place_of
 from rnc_pin.math.linear_algebra import null_space
-from rnc_pin.model.input_validation import ConfigurationValidator, vector
+from rnc_pin.model.input_validation import admit_configuration, vector
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import printed
@@ -109,7 +109,7 @@ def equilibrium(
         >>> round(robot.joint_values(turning.q)["pitch"], 3)  # weight and centrifugal force balance
         2.125
     """
-    q = ConfigurationValidator(reduced.robot).validate_one(guess, "guess")
+    q = admit_configuration(guess, reduced.robot, "guess")
     given, open_rates = _velocities(reduced, v2)
     moves = reduced.affine or bool(given.any()) or bool(open_rates.any())
     # At rest every configuration is a candidate; symmetries cost derivatives at several states.

@@ -28,7 +28,7 @@ from rnc_pin.analysis.lie_brackets import PIECES, BracketJets
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, InputError
 from rnc_pin.model.coordinates import PlacementChart
-from rnc_pin.model.input_validation import ConfigurationValidator
+from rnc_pin.model.input_validation import admit_configuration
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import ReprMixin
 
@@ -177,7 +177,7 @@ def privileged_coordinates(
         0.2
     """
     _refuse_affine(reduced)
-    center = ConfigurationValidator(reduced.robot).validate_one(q)
+    center = admit_configuration(q, reduced.robot)
     kept = _kept(reduced, center, ignored)
     growth = filtration(reduced, center)
     # The weights follow from the growth vector: an uncertain one gives coordinates of another order.

@@ -32,7 +32,7 @@ from rnc_pin.collision.shapes import (
 from rnc_pin.errors import InputError, ModelError, check_unique
 from rnc_pin.model.cached_property import once_per_model
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
-from rnc_pin.model.input_validation import ConfigurationValidator
+from rnc_pin.model.input_validation import admit_configuration, admit_configurations
 from rnc_pin.model.kinematics import moving_entries
 from rnc_pin.robots.robot import Robot
 
@@ -240,7 +240,6 @@ class CollisionDistances:
         self._made_of = robot, self.obstacles, selection, None if q0 is None else np.array(q0, dtype=float)
         names = [obstacle.name for obstacle in self.obstacles]
         check_unique(names, "two obstacles are named", ModelError)
-        self._validator = ConfigurationValidator(robot)
         self._model, self._data = robot.model, robot.model.createData()
         shapes = list(source.geometryObjects)
         links = [robot.model.frames[shape.parentFrame].name for shape in shapes]
@@ -279,7 +278,7 @@ class CollisionDistances:
             k: OmittedPair(pair.names, "overlap in nearly all configurations")
             for k, pair in enumerate(kept)
             if pair[:2] in usual
-        } | self._touching(robot.configuration() if q0 is None else self._validator.validate_one(q0, "q0"))
+        } | self._touching(robot.configuration() if q0 is None else admit_configuration(q0, robot, "q0"))
         self.omitted = (*omitted, *touching.values())
         self._use([pair for k, pair in enumerate(kept) if k not in touching])
 
@@ -296,7 +295,7 @@ class CollisionDistances:
             within: only pairs that may be nearer than this are evaluated [m].
         """
         if not isinstance(q, ConfigurationEvaluation):
-            q = self._validator.validate(q)
+            q = admit_configurations(q, self.robot)
         self._place(q, t)
         near = self._bounds.nearby(self._at, within)
         found = self._measurement.measure(near, self._at.rotations, self._at.origins)
@@ -352,7 +351,7 @@ class CollisionDistances:
             t: time, for obstacles that move [s].
             beyond: distance up to which pairs are measured [m].
         """
-        self._place(self._validator.validate(q), t)
+        self._place(admit_configurations(q, self.robot), t)
         bounds = self._bounds.of_volumes(self._at)
         near = np.flatnonzero(bounds < beyond)
         bounds[near] = self._measurement.measure(near, self._at.rotations, self._at.origins)[:, 0]

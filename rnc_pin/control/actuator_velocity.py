@@ -25,7 +25,7 @@ from rnc_pin.math.linear_algebra import apply, apply_transposed, null_space
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.coordinates import arc_chord
 from rnc_pin.model.evaluation_results import Measurement
-from rnc_pin.model.input_validation import ArrayInput, ConfigurationValidator, numbers_or_nan, vector
+from rnc_pin.model.input_validation import ArrayInput, admit_configuration, numbers_or_nan, vector
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.rows import rheonomic_names
 from rnc_pin.printing import ReprMixin
@@ -303,7 +303,6 @@ class WheelOdometry(ReprMixin):
         self._known = np.array(known, dtype=int)
         # Joints without encoders are unknowns beside the twist, such as those of casters.
         self._hidden = np.setdiff1d(np.arange(reduced.n), [*self.base.base, *self._known])
-        self._validator = ConfigurationValidator(robot)
         generator = np.random.default_rng(0)
         most = 1e-6  # part of the base in a motion that the measured joints do not show
         # Three random configurations: at a singular one the rows show less than they do elsewhere.
@@ -335,7 +334,7 @@ class WheelOdometry(ReprMixin):
         Raises:
             InputError: an array has another shape or is not finite.
         """
-        first, last = (self._validator.validate_one(each) for each in (before, after))
+        first, last = (admit_configuration(each, self._reduced.robot) for each in (before, after))
         model = self._reduced.robot.model
         moved = np.zeros(self._reduced.n)
         moved[self._known] = pin.difference(model, first, last)[self._known]

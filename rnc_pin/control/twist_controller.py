@@ -20,7 +20,7 @@ from rnc_pin.control.actuator_velocity import check_velocity_actuation, driven_j
 from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError
 from rnc_pin.math.convex_programs import nearest_point
 from rnc_pin.model.coordinates import wrapped
-from rnc_pin.model.input_validation import ConfigurationValidator, numbers_or_nan
+from rnc_pin.model.input_validation import admit_configuration, numbers_or_nan
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import ReprMixin, printed
 
@@ -171,7 +171,6 @@ class TwistController(ReprMixin):
         self._limits = velocity_limits(reduced, limits)
         self._entries = np.array([reduced.robot.velocity_indices(name).start for name in self.joints], dtype=int)
         self._scale = np.array([1.0, 1.0, self.base.length])
-        self._validator = ConfigurationValidator(reduced.robot)
 
     def initial_state(self) -> TwistState:
         """Return the state of a base that stands and has no command."""
@@ -335,7 +334,7 @@ class TwistController(ReprMixin):
         unknown = 3 - np.count_nonzero(np.isfinite(wanted))
         if wanted.shape != (3,) or (unknown and not sum(each is None for each in twist) == unknown < 3):
             raise InputError(f"a twist is (vx, vy, wz): three finite numbers, or None for a free one; found {twist!r}")
-        return self._validator.validate_one(q), wanted * self._scale
+        return admit_configuration(q, self._reduced.robot), wanted * self._scale
 
     def _bounds(self, q: Array, dt: float, limits: Array) -> tuple[Array, Array]:
         """Smallest and largest velocities (nv,) within limits, and within position limits after dt."""

@@ -25,42 +25,37 @@ ArrayInput: TypeAlias = object
 """Argument of any type. Values that are no real numbers are refused."""
 
 
-class ConfigurationValidator:
-    """Validation of a robot's configurations: shape, finite numbers, unit complex numbers and unit quaternions.
+def admit_configurations(q: ArrayInput, robot: Robot) -> np.ndarray:
+    """Copy of configurations (..., nq) of finite numbers, unit complex numbers and unit quaternions.
+
+    Later changes of the caller's array have no effect.
 
     Args:
+        q: configurations (..., nq).
         robot: the robot that has the configurations.
     """
+    if robot.model.nq != robot.nq:
+        robot.check_unchanged()
+    q = vector(q, robot.nq, "q").copy()
+    states = (q,) if q.ndim == 1 else q.reshape(-1, robot.nq)
+    # Only pairs (cos, sin) and quaternions have more entries than their velocities.
+    if robot.nq != robot.nv and not all(pin.isNormalized(robot.model, each, 1e-6) for each in states):
+        raise InputError("q holds a (cos, sin) pair or a quaternion that is not of unit length")
+    return q
 
-    def __init__(self, robot: Robot) -> None:
-        self._robot, self._model, self._nq = robot, robot.model, robot.nq
-        self._on_spheres = robot.nq != robot.nv  # only pairs (cos, sin) and quaternions have more entries
 
-    def validate(self, q: ArrayInput) -> np.ndarray:
-        """Validated copy of q (..., nq), so that later changes of the caller's array have no effect.
+def admit_configuration(q: ArrayInput, robot: Robot, name: str = "q") -> np.ndarray:
+    """Copy of one configuration (nq,), as ``admit_configurations``.
 
-        Args:
-            q: configurations (..., nq).
-        """
-        if self._model.nq != self._nq:
-            self._robot.check_unchanged()
-        q = vector(q, self._nq, "q").copy()
-        states = (q,) if q.ndim == 1 else q.reshape(-1, self._nq)
-        if self._on_spheres and not all(pin.isNormalized(self._model, each, 1e-6) for each in states):
-            raise InputError("q holds a (cos, sin) pair or a quaternion that is not of unit length")
-        return q
-
-    def validate_one(self, q: ArrayInput, name: str = "q") -> np.ndarray:
-        """Validated copy of one configuration (nq,).
-
-        Args:
-            q: the configuration (nq,).
-            name: the input in messages.
-        """
-        found = self.validate(q)
-        if found.ndim > 1:
-            raise InputError(f"{name} has shape {found.shape}, expected one configuration ({self._nq},)")
-        return found
+    Args:
+        q: the configuration (nq,).
+        robot: the robot that has the configuration.
+        name: the input in messages.
+    """
+    found = admit_configurations(q, robot)
+    if found.ndim > 1:
+        raise InputError(f"{name} has shape {found.shape}, expected one configuration ({robot.nq},)")
+    return found
 
 
 def vector(array: ArrayInput, size: int, name: str, entries: Sequence[str] = ()) -> np.ndarray:

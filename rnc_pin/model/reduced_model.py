@@ -24,7 +24,7 @@ from rnc_pin.model.generalized_forces import Actuation, PassiveForces
 from rnc_pin.model.independence import DroppedRow
 from rnc_pin.model.input_validation import (
     ArrayInput,
-    ConfigurationValidator,
+    admit_configurations,
     admit_numbers,
     admit_times,
     broadcast_states,
@@ -92,11 +92,10 @@ class ReducedModel(SummaryMixin):
         self.constraints, self.all_constraints = data.constraints, data.rows
         self.reducing, self.vertical, self.actuation = data.reducing, data.vertical, data.actuation
         self.assembly, self.dropped_rows = assembly, tuple(dropped_rows)
-        self._validator = ConfigurationValidator(data.robot)
 
     def __setattr__(self, name: str, value: object) -> None:
         # Evaluations, controllers and plants would not follow.
-        if "_validator" in vars(self):
+        if "dropped_rows" in vars(self):  # the last attribute
             raise AttributeError(f"'{name}' of a ReducedModel is read-only: reduce the system anew")
         super().__setattr__(name, value)
 
@@ -128,7 +127,7 @@ class ReducedModel(SummaryMixin):
         Raises:
             InputError: also for a rheonomic system without t.
         """
-        q, data = self._validator.validate(q), self.reduction_data
+        q, data = admit_configurations(q, self.robot), self.reduction_data
         if t is not None and type(t) is not float:
             admit_numbers(t, "t")
         t = None if t is None or not self.rheonomic else admit_times(t, q.shape[:-1])
@@ -319,7 +318,7 @@ class ReducedModel(SummaryMixin):
         Raises:
             ConstraintError: no such configuration was found.
         """
-        return self.assembly.project(self._validator.validate(q), hold)
+        return self.assembly.project(admit_configurations(q, self.robot), hold)
 
     def random_configuration(self, generator: np.random.Generator, spread: float = np.pi) -> Float[Array, " nq"]:
         """Random configuration from ``generator`` within ``spread`` of neutral, projected onto the holonomic rows.

@@ -4,31 +4,32 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.model.input_validation import ConfigurationValidator, check_finite, check_positive_settings, vector
+from rnc_pin.model.input_validation import admit_configurations, check_finite, check_positive_settings, vector
 from simple_controllers import Memoryless
 from systems import space_robot
 from textbook_systems import sliders
 
 
 def test_configurations_are_admitted_by_shape_number_and_length():
-    flat, turning = ConfigurationValidator(sliders()), ConfigurationValidator(sliders("UXX"))
+    flat, turning = sliders(), sliders("UXX")
     given = np.array([1.0, 2.0, 3.0])
-    admitted = flat.validate(given)
+    admitted = admit_configurations(given, flat)
     given[0] = 9.0
-    assert (admitted.tolist(), flat.validate(np.ones((2, 4, 3))).shape) == ([1.0, 2.0, 3.0], (2, 4, 3))
+    assert (admitted.tolist(), admit_configurations(np.ones((2, 4, 3)), flat).shape) == ([1.0, 2.0, 3.0], (2, 4, 3))
     unit = np.array([0.6, 0.8, 5.0, 6.0])
     for q in (unit, np.stack([unit, unit])):
-        np.testing.assert_array_equal(turning.validate(q * [1 + 1e-9, 1 + 1e-9, 1, 1]), q * [1 + 1e-9, 1 + 1e-9, 1, 1])
+        rounded = q * [1 + 1e-9, 1 + 1e-9, 1, 1]
+        np.testing.assert_array_equal(admit_configurations(rounded, turning), rounded)
     for wrong, words in (
         (1.0, r"q has shape \(\), expected \(..., 3\)"),
         (np.ones((3, 2)), r"q has shape \(3, 2\), expected \(..., 3\)"),
         ([1.0, np.inf, 0.0], r"q holds values that are not finite: \[ 1., inf,  ?0.\]"),
     ):
         with pytest.raises(rnc.InputError, match=words):
-            flat.validate(wrong)
-    batch = np.zeros((2, 3, 3))
-    batch[1, 0, 2] = np.nan
-    for call in (lambda: flat.validate(batch), lambda: vector(batch, 3, "q"), lambda: check_finite("q", batch)):
+            admit_configurations(wrong, flat)
+    two = np.zeros((2, 3, 3))
+    two[1, 0, 2] = np.nan
+    for call in (lambda: admit_configurations(two, flat), lambda: vector(two, 3, "q"), lambda: check_finite("q", two)):
         message = r"q holds values that are not finite at state 1, 0: \[ 0., +0., nan\]"
         with pytest.raises(rnc.InputError, match=message):
             call()

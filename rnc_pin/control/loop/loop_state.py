@@ -19,7 +19,7 @@ from rnc_pin.control.loop.options import input_of, unpack_step
 from rnc_pin.errors import ConfigurationError, InputError, RncError, printable
 from rnc_pin.io.json import atomic_file
 from rnc_pin.io.safe_npz import ArchiveError, read_npz
-from rnc_pin.model.input_validation import ConfigurationValidator
+from rnc_pin.model.input_validation import admit_configurations
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import printed
 
@@ -127,10 +127,9 @@ def check_state(state: LoopState, reduced: ReducedModel) -> None:
     for name, found, model in zip(LoopState._fields, state, valid, strict=True):
         if name != "controller":
             _check_memory(found, model, model, name)
-    validator = ConfigurationValidator(reduced.robot)
     for each in (state, state.motion):
         if each is not None and each.q is not None:
-            validator.validate(each.q)
+            admit_configurations(each.q, reduced.robot)
 
 
 def _check_memory(found: object, initial: object, after: object, where: str = "controller") -> None:

@@ -16,7 +16,7 @@ from rnc_pin.array_shapes import Array, Float
 from rnc_pin.collision import CollisionDistances, PairDistances
 from rnc_pin.constraints.wheeled_base import SIDE_SLIP, missing_lateral_rows
 from rnc_pin.errors import ConfigurationError, InputError, check_classes
-from rnc_pin.model.input_validation import ConfigurationValidator
+from rnc_pin.model.input_validation import admit_configuration
 from rnc_pin.model.rows import RowStack
 from rnc_pin.model.task import OutputTarget
 from rnc_pin.motion.optimal.costs import (
@@ -277,7 +277,7 @@ class GoalRows(NodeBound):
                 names += found.names
                 units += found.units
         else:
-            self.configuration = ConfigurationValidator(robot).validate_one(goal, "goal")
+            self.configuration = admit_configuration(goal, robot, "goal")
             names += robot.velocity_names
             units += [""] * robot.nv
         if not names:

@@ -12,7 +12,7 @@ from rnc_pin.array_shapes import Array, Float
 from rnc_pin.collision import CollisionDistances, Obstacle
 from rnc_pin.collision.shapes import bounding_box
 from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, RncError
-from rnc_pin.model.input_validation import ConfigurationValidator
+from rnc_pin.model.input_validation import admit_configurations
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.motion.optimal.bounds import DistanceRows, Goal
 from rnc_pin.motion.optimal.motion_plan import MotionPlan
@@ -376,7 +376,7 @@ def _given(problem: Transcription, given: MotionPlan | Way | ArrayLike, duration
         raise ConfigurationError(f"guess: expected a plan or configurations (n, nq), found {given!r}") from None
     if rows.ndim != 2 or rows.shape[1] != model.reduced.robot.nq or len(rows) < 2:
         raise InputError(f"guess: expected configurations (n, {model.reduced.robot.nq}), found shape {rows.shape}")
-    rows = ConfigurationValidator(model.reduced.robot).validate(rows)
+    rows = admit_configurations(rows, model.reduced.robot)
     return along(model, _spaced(model, rows, K), duration)
 
 

@@ -16,9 +16,9 @@ from numpy.typing import ArrayLike
 from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError, warn
 from rnc_pin.model.input_validation import (
-    ConfigurationValidator,
     NotNegative,
     Positive,
+    admit_configuration,
     check_instances,
     check_positive_settings,
     check_settings,
@@ -82,7 +82,7 @@ def initial_node(model: ActionModel, q0: ArrayLike, v2_0: ArrayLike | None = Non
     """
     if model.form == "kinematic" and v2_0 is not None:
         raise ConfigurationError("v2_0: the kinematic form has no initial velocity; use 'acceleration' or 'dynamic'")
-    q = ConfigurationValidator(model.reduced.robot).validate_one(q0, "q0")
+    q = admit_configuration(q0, model.reduced.robot, "q0")
     state = model.reduced.at(q, np.zeros(model.r) if v2_0 is None else v2_0)
     _ = state.v  # a singular start is refused here, and not as the failure of all guesses
     return Nodes(q[None], np.empty((1, 0)) if model.form == "kinematic" else np.array(state.v2)[None])

@@ -28,7 +28,7 @@ from rnc_pin.analysis.privileged_coordinates import PrivilegedCoordinates, privi
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.controller import MissedGoal
 from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, RncError
-from rnc_pin.model.input_validation import ConfigurationValidator, Positive, check_settings
+from rnc_pin.model.input_validation import Positive, admit_configuration, check_settings
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import OutputTarget
@@ -97,7 +97,7 @@ class SetPoint:
             self.q = np.array(found.q)
             self.ignored = self._undetermined(NodeOutputs(reduced, list(goal)))
         else:
-            self.q, self.ignored = ConfigurationValidator(reduced.robot).validate_one(goal, "goal"), ()
+            self.q, self.ignored = admit_configuration(goal, reduced.robot, "goal"), ()
         self.q.setflags(write=False)
         self._model = ActionModel(reduced, "kinematic")
         self._rows = GoalRows(self._model, goal, at_rest=False)

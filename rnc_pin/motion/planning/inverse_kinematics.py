@@ -15,7 +15,7 @@ from rnc_pin.array_shapes import Array, Float
 from rnc_pin.collision import CollisionDistances
 from rnc_pin.errors import ConfigurationError, InputError, SingularityError
 from rnc_pin.math.convex_programs import nearest_point
-from rnc_pin.model.input_validation import ConfigurationValidator, check_settings, is_number
+from rnc_pin.model.input_validation import admit_configuration, check_settings, is_number
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import OutputTarget, OutputTargets
@@ -145,7 +145,7 @@ def solve_ik(
         >>> far.converged, {name: round(error, 3) for name, error in far.unreachable.items()}
         (False, {'tip': 3.0})
     """
-    q0 = ConfigurationValidator(reduced.robot).validate_one(q0, "q0")
+    q0 = admit_configuration(q0, reduced.robot, "q0")
     if not (is_number(clearance) and clearance >= 0.0):
         raise InputError(f"clearance: expected a number of at least 0 m, found {clearance!r}")
     bounds = TangentBounds(reduced.robot, hold, limits)

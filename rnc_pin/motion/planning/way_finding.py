@@ -19,13 +19,7 @@ from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
 from rnc_pin.constraints.wheeled_base import WheeledBase
 from rnc_pin.constraints.wheels_and_blades import RollingRows
 from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError, SingularityError, check_extra
-from rnc_pin.model.input_validation import (
-    ConfigurationValidator,
-    NotNegative,
-    Positive,
-    check_instances,
-    check_settings,
-)
+from rnc_pin.model.input_validation import NotNegative, Positive, admit_configuration, check_instances, check_settings
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import OutputTarget
 from rnc_pin.motion.planning.exact_steering import (
@@ -137,7 +131,7 @@ def find_way(
     if not 0.0 <= clearance < np.inf:
         raise InputError(f"clearance: expected a number of at least 0 m, found {clearance!r}")
     _check_stands(obstacles)
-    start = ConfigurationValidator(reduced.robot).validate_one(q0, "q0")
+    start = admit_configuration(q0, reduced.robot, "q0")
     steering = _steering(reduced, start, settings)
     planned = ~SampledBases(reduced, start).followers() if steering is None else steering.planned
     # Nodes of propagated motions are checked with geodesics between them, which the motion leaves by this much.
@@ -279,7 +273,7 @@ def goal_configurations(
         seed: seed of random starts.
     """
     if not isinstance(goal, Mapping):
-        end = ConfigurationValidator(reduced.robot).validate_one(goal, "goal")
+        end = admit_configuration(goal, reduced.robot, "goal")
         check_configuration(reduced, checker, end, "goal")
         return end[None]
     beside = None
