@@ -13,7 +13,6 @@ from rnc_pin import _kernel
 from rnc_pin._kernel.kernel_rows import (
     INTEGERS,
     NUMBERS,
-    AttachedFrame,
     Form,
     KernelForce,
     KernelRow,
@@ -30,21 +29,6 @@ from rnc_pin.model.rows import OutputRows, OutputStack, Place, RowStack
 _ROW = np.dtype([("integers", np.int64, 3 + INTEGERS), ("numbers", float, NUMBERS)])  # as the kernel stores them
 _FRAME = np.dtype([("joint", np.int64), ("placement", float, 12)])
 _CURVED = {"JointModelPlanar": 0, "JointModelSpherical": 1, "JointModelFreeFlyer": 2}
-
-
-def blocks_valued_by_python(stack: OutputStack, model: pin.Model) -> list[tuple[OutputRows, slice]]:
-    """Blocks whose values Python evaluates.
-
-    Args:
-        stack: outputs.
-        model: Pinocchio's model of the robot.
-    """
-    found = []
-    for block, where, _ in stack.places:
-        rows = block.kernel_rows(model)
-        if isinstance(block, OutputRows) and not block.quasi and (rows is None or rows[0].value[0] == Value.NONE):
-            found.append((block, where))
-    return found
 
 
 class _Workspace:
@@ -97,26 +81,26 @@ def _described(stack: RowStack, model: pin.Model) -> tuple[RowStack, list[Kernel
     return RowStack.of(external), rows
 
 
+def _valued_by_python(stack: OutputStack, rows: Sequence[KernelRow]) -> list[tuple[OutputRows, slice]]:
+    """Blocks of outputs whose values Python evaluates, from the descriptions of all rows."""
+    blocks = ((block, where) for block, where, _ in stack.places if isinstance(block, OutputRows) and not block.quasi)
+    return [(block, where) for block, where in blocks if rows[where.start].value[0] == Value.NONE]
+
+
 def _tables(rows: Sequence[KernelRow]) -> tuple[Array, Array]:
     """Rows and their frames as the kernel stores them."""
-    table, frames = np.zeros(len(rows), _ROW), list[AttachedFrame]()
+    table = np.zeros(len(rows), _ROW)
     table["integers"][:, 2] = -1  # no second frame
-    known: dict[tuple[int, bytes], int] = {}
+    frames: dict[tuple[int, tuple[float, ...]], int] = {}
     for row, integers, numbers in zip(rows, table["integers"], table["numbers"], strict=True):
         integers[0], integers[1] = row.form, row.joint
         integers[7], integers[6] = row.value
         integers[3 : 3 + len(row.integers)], numbers[: len(row.numbers)] = row.integers, row.numbers
         for place, frame in enumerate(row.frames):
             # Rows of one wheel share its frame: the kernel computes its Jacobian once.
-            key = frame.joint, np.array(frame.placement.homogeneous).tobytes()
-            if key not in known:
-                known[key] = len(frames)
-                frames.append(frame)
-            integers[1 + place] = known[key]
-    records = np.empty(len(frames), _FRAME)
-    for record, frame in zip(records, frames, strict=True):
-        record["joint"], record["placement"] = frame.joint, placement_numbers(frame.placement)
-    return table, records
+            key = frame.joint, tuple(placement_numbers(frame.placement))
+            integers[1 + place] = frames.setdefault(key, len(frames))
+    return table, np.array(list(frames), _FRAME)
 
 
 def curved_joints(model: pin.Model) -> list[tuple[str, slice]] | None:
@@ -206,7 +190,8 @@ class ReductionKernel:
         self.sample = np.dtype([*states, *((name, float, shape) for name, shape in numbers.items())])
         by = {"v_q": (n, n), "v_v2": (n, r), "v2_dot_q": (r, n), "v2_dot_v2": (r, r), "v2_dot_T": (r, p)}
         self.derivatives = _record(v=(n,), v2_dot=(r,), **by)
-        self.python_values = tuple(blocks_valued_by_python(stack, model) for stack in (data.reducing, data.vertical))
+        outputs = (data.reducing, stacked[data.m :]), (data.vertical, vertical)
+        self.python_values = tuple(_valued_by_python(*each) for each in outputs)
         self.measures = not (self.python_rows or any(self.python_values))
 
     def _evaluator(
