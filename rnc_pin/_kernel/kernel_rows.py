@@ -104,7 +104,8 @@ class AttachedFrame(NamedTuple):
     """Frame with a constant placement on a joint."""
 
     joint: int
-    placement: pin.SE3
+    placement: tuple[float, ...]
+    """``placement_numbers`` on the joint, (12,)."""
 
 
 class KernelRow(NamedTuple):
@@ -134,7 +135,7 @@ def attached(model: pin.Model, frame: int, offset: pin.SE3 | None = None) -> Att
     # The kernel places joints alone: a frame is a joint with a constant offset.
     found = model.frames[frame]
     placement = found.placement if offset is None else found.placement * offset
-    return AttachedFrame(found.parentJoint, pin.SE3(placement))
+    return AttachedFrame(found.parentJoint, tuple(placement_numbers(placement)))
 
 
 def wrench_rows(

@@ -10,16 +10,7 @@ import pinocchio as pin
 from numpy import ndarray as Array
 
 from rnc_pin import _kernel
-from rnc_pin._kernel.kernel_rows import (
-    INTEGERS,
-    NUMBERS,
-    Form,
-    KernelForce,
-    KernelRow,
-    Value,
-    attached,
-    placement_numbers,
-)
+from rnc_pin._kernel.kernel_rows import INTEGERS, NUMBERS, AttachedFrame, Form, KernelForce, KernelRow, Value, attached
 from rnc_pin.math.linear_algebra import Component
 from rnc_pin.model.cached_property import once_per_model
 from rnc_pin.model.kinematics import Kinematics, moving_entries
@@ -91,15 +82,14 @@ def _tables(rows: Sequence[KernelRow]) -> tuple[Array, Array]:
     """Rows and their frames as the kernel stores them."""
     table = np.zeros(len(rows), _ROW)
     table["integers"][:, 2] = -1  # no second frame
-    frames: dict[tuple[int, tuple[float, ...]], int] = {}
+    frames: dict[AttachedFrame, int] = {}
     for row, integers, numbers in zip(rows, table["integers"], table["numbers"], strict=True):
         integers[0], integers[1] = row.form, row.joint
         integers[7], integers[6] = row.value
         integers[3 : 3 + len(row.integers)], numbers[: len(row.numbers)] = row.integers, row.numbers
         for place, frame in enumerate(row.frames):
             # Rows of one wheel share its frame: the kernel computes its Jacobian once.
-            key = frame.joint, tuple(placement_numbers(frame.placement))
-            integers[1 + place] = frames.setdefault(key, len(frames))
+            integers[1 + place] = frames.setdefault(frame, len(frames))
     return table, np.array(list(frames), _FRAME)
 
 
