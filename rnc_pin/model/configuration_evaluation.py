@@ -21,9 +21,9 @@ from rnc_pin.errors import ConstraintError, DivergenceError, InputError, Singula
 from rnc_pin.math.linear_algebra import Component, apply, apply_transposed, inverse, product, weakest_rows
 from rnc_pin.model.cached_property import cached_property, filled_at_q
 from rnc_pin.model.factorization import Factorization, factorize, row_lengths
-from rnc_pin.model.filled_arrays import CompiledArraysAtQ, KnownKinematics, arrays_at_q
+from rnc_pin.model.filled_arrays import CompiledArraysAtQ, arrays_at_q
 from rnc_pin.model.input_validation import ArrayInput, vector
-from rnc_pin.model.kinematics import PositionKinematics
+from rnc_pin.model.kinematics import KnownKinematics, PositionKinematics
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.reduction_kernel import ReductionKernel
 from rnc_pin.model.rows import RowStack, rheonomic_names

@@ -16,6 +16,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin import _kernel
 from rnc_pin.errors import ModelError
 from rnc_pin.math.linear_algebra import Component
 from rnc_pin.model.cached_property import cached_property
@@ -297,6 +298,54 @@ class PositionKinematics:
             v: full velocities (..., nv) [rad/s or m/s].
         """
         return VelocityKinematics(self, v)
+
+
+class KnownKinematics(PositionKinematics):
+    """Kinematics at one configuration with known inertia, joint placements and joint Jacobians.
+
+    Frames follow from these, so that Pinocchio need not visit the configuration again.
+
+    Args:
+        at: Pinocchio's model and data, for all other quantities.
+        q: configuration (nq,).
+        t: time [s].
+        record: M (nv, nv), J (6, nv) in the world, and placements of joints (njoints, 12).
+    """
+
+    def __init__(self, at: Kinematics, q: np.ndarray, t: Component, record: np.ndarray) -> None:
+        super().__init__(at, q, t)
+        self._record = record
+        self._frames: dict[int, tuple[Placement, np.ndarray]] = {}
+
+    @property
+    def M(self) -> np.ndarray:
+        found: np.ndarray = self._record["M"]
+        return found
+
+    def placement(self, frame: int) -> Placement:
+        return self._frame(frame)[0]
+
+    def jacobian(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES, rows: Components = ALL) -> np.ndarray:
+        # The record has Jacobians along the axes of the world only.
+        if axes != WORLD_AXES:
+            return super().jacobian(frame, axes, rows)
+        found = self._frame(frame)[1]
+        return found if rows is ALL else found[rows]
+
+    def _frame(self, frame: int) -> tuple[Placement, np.ndarray]:
+        # A row asks for the placement and the Jacobian of its frame in turn: one call computes both.
+        known = self._frames.get(frame)
+        if known is None:
+            joint, own, support = self._at.frame_constants(frame)
+            numbers = np.empty(12 + 6 * self._at.nv)
+            record = self._record
+            if not _kernel.library.frame_kinematics(record["J"], record["placements"][joint], own, support, numbers):
+                return super().placement(frame), super().jacobian(frame)
+            numbers.setflags(write=False)
+            # The kernel stores a placement by columns: three axes, then the origin.
+            columns = numbers[:12].reshape(4, 3)
+            known = self._frames[frame] = Placement(columns[:3].T, columns[3]), numbers[12:].reshape(6, -1)
+        return known
 
 
 class VelocityKinematics(PositionKinematics):

@@ -18,9 +18,9 @@ from rnc_pin import _kernel
 from rnc_pin.math.linear_algebra import null_space
 from rnc_pin.model import ConfigurationEvaluation, ReducedModel, StateEvaluation, reduction_kernel
 from rnc_pin.model.evaluator import Evaluator, evaluator_for
-from rnc_pin.model.filled_arrays import CompiledArraysAtQ, CompiledArraysAtV, KnownKinematics
+from rnc_pin.model.filled_arrays import CompiledArraysAtQ, CompiledArraysAtV
 from rnc_pin.model.integrators import ReducedMotion
-from rnc_pin.model.kinematics import OWN_AXES, WORLD_AXES
+from rnc_pin.model.kinematics import OWN_AXES, WORLD_AXES, KnownKinematics
 from rnc_pin.model.reduction_kernel import ReductionKernel
 from systems import four_bar, free_arm, mobile_manipulator, random_states, space_robot_in_joints, tiago
 
