@@ -96,15 +96,23 @@ def solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 def solve_positive_definite(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solve ``matrix @ x = right`` for symmetric positive definite (..., n, n) and (..., n); NaN for singular ones.
+    """Solve ``matrix @ x = right`` for symmetric positive definite (..., n, n) and (..., n).
+
+    The solution is NaN if one matrix is not positive definite, or if one of a stack is singular.
 
     Args:
         matrix: (..., n, n).
         right: right sides (..., n).
     """
     if matrix.ndim == 2 and right.ndim < 3:
-        found = solve_positive_definite_columns(matrix, right.T)
-        return np.full_like(right, np.nan) if found is None else found.T
+        found = np.empty(right.T.shape)
+        if _kernel.library.solve(np.ascontiguousarray(matrix), np.ascontiguousarray(right.T), 1.0, found):
+            return found.T
+        try:
+            np.linalg.cholesky(matrix)
+            return np.linalg.solve(matrix, right.T).T
+        except np.linalg.LinAlgError:
+            return np.full(right.shape, np.nan)
     return _each_solved(matrix, right[..., None])[..., 0]
 
 
@@ -120,23 +128,6 @@ def _each_solved(matrix: np.ndarray, columns: np.ndarray) -> np.ndarray:
             with suppress(np.linalg.LinAlgError):
                 found[i] = np.linalg.solve(matrices[i], right[i])
         return found
-
-
-def solve_positive_definite_columns(matrix: np.ndarray, columns: np.ndarray) -> np.ndarray | None:
-    """Solve ``matrix @ x = columns`` for symmetric (n, n), and (n, k) or (n,); None if it is not positive definite.
-
-    Args:
-        matrix: one matrix (n, n).
-        columns: right sides (n, k), or one (n,).
-    """
-    found = np.empty(columns.shape)
-    if _kernel.library.solve(np.ascontiguousarray(matrix), np.ascontiguousarray(columns), 1.0, found):
-        return found
-    try:
-        np.linalg.cholesky(matrix)
-        return np.linalg.solve(matrix, columns)
-    except np.linalg.LinAlgError:
-        return None
 
 
 def product(left: np.ndarray, right: np.ndarray) -> np.ndarray:

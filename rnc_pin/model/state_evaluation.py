@@ -21,15 +21,7 @@ import pinocchio as pin
 
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import DivergenceError
-from rnc_pin.math.linear_algebra import (
-    Component,
-    apply,
-    apply_transposed,
-    inverse,
-    product,
-    solve_positive_definite,
-    solve_positive_definite_columns,
-)
+from rnc_pin.math.linear_algebra import Component, apply, apply_transposed, inverse, product, solve_positive_definite
 from rnc_pin.model.cached_property import cached_property, filled_at_v
 from rnc_pin.model.configuration_evaluation import ArraySource, ConfigurationEvaluation
 from rnc_pin.model.evaluation_results import Measurement, ReducedRegressor, ReducedTerms, StateDerivative
@@ -334,10 +326,11 @@ class StateEvaluation(ConfigurationEvaluation):
         if arrays is not None and (filled := arrays.input_accelerations(self.B)) is not None:
             return filled
         # One factorization of H serves all columns: inputs one by one, then no input.
-        right = np.column_stack([self.input_matrix, self.unforced @ self.R])
-        if (solved := solve_positive_definite_columns(self.H, right)) is None:
-            raise DivergenceError("reduced acceleration is not finite: H is not positive definite")
-        return solved[:, :-1], solved[:, -1]
+        right = np.vstack([self.input_matrix.T, self.unforced @ self.R])
+        solved = solve_positive_definite(self.H, right)
+        if np.isnan(solved).any():
+            raise DivergenceError(f"reduced acceleration is not finite: {self._cause()}")
+        return solved[:-1].T, solved[-1]
 
     @cached_property
     def accelerating_inputs(self) -> Float[Array, "p r"]:

@@ -19,7 +19,7 @@ from annotated_types import Ge, Le
 from rnc_pin.constraints import GroundPlane
 from rnc_pin.errors import ConfigurationError, DivergenceError, SimulationError
 from rnc_pin.math.convex_programs import nonnegative
-from rnc_pin.math.linear_algebra import null_space, solve_positive_definite_columns
+from rnc_pin.math.linear_algebra import null_space, solve_positive_definite
 from rnc_pin.model.input_validation import NotNegative, check_settings
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics, VelocityKinematics
 from rnc_pin.model.rows import ConstraintKind
@@ -534,17 +534,13 @@ def responses(state: StateEvaluation, M: np.ndarray, impulses: np.ndarray) -> np
         DivergenceError: the inertia is not positive definite.
     """
     A = state.all_rows
-    if not len(A):
-        found = solve_positive_definite_columns(M, impulses.T)
-    else:
-        lengths = np.linalg.norm(A, axis=1)
-        # Rows of unit length: their rank does not depend on units. Rows without entries forbid nothing.
-        R = null_space(A[lengths > 0] / lengths[lengths > 0, None])
-        found = solve_positive_definite_columns(R.T @ M @ R, R.T @ impulses.T)
-        found = None if found is None else R @ found
-    if found is None:
+    lengths = np.linalg.norm(A, axis=1)
+    # Rows of unit length: their rank does not depend on units. Rows without entries forbid nothing.
+    R = null_space(A[lengths > 0] / lengths[lengths > 0, None])
+    found = solve_positive_definite(R.T @ M @ R, impulses @ R)
+    if np.isnan(found).any():
         raise DivergenceError("inertia is not positive definite")
-    return found
+    return R @ found.T
 
 
 def contact_impact(
