@@ -23,7 +23,6 @@ from rnc_pin.collision.shapes import (
     PairMeasurement,
     PairSelection,
     SpinningShapes,
-    axes_of_rotation,
     bounding_box,
     check_ignored_links,
     convex_shape,
@@ -209,6 +208,7 @@ class CollisionDistances:
         shapes: convex shapes of the links, then of the obstacles.
         carriers: joint that carries each shape.
         radii: radii of the spheres around the boxes around the shapes [m].
+        link_shapes: number of shapes of links; the shapes of obstacles follow.
         shape_pairs: first and second shape of each pair (2, k).
         spinning: shapes of links that spin about their own axes.
 
@@ -242,6 +242,7 @@ class CollisionDistances:
         check_unique(names, "two obstacles are named", ModelError)
         self._model, self._data = robot.model, robot.model.createData()
         shapes = list(source.geometryObjects)
+        self.link_shapes = len(shapes)
         links = [robot.model.frames[shape.parentFrame].name for shape in shapes]
         self.carriers = [int(shape.parentJoint) for shape in shapes] + [0] * len(self.obstacles)
         self.shapes = [*_convex_shapes(robot), *(obstacle.shape for obstacle in self.obstacles)]
@@ -263,8 +264,7 @@ class CollisionDistances:
         self._centers, self._halves = (np.array([box[k] for box in boxes]) for k in (0, 1))
         self.radii = np.linalg.norm(self._halves, axis=1)
         poses = self._own_rotations, self._own_origins
-        self._axes = axes_of_rotation(self._model)
-        self.spinning = SpinningShapes(self._model, self._axes, self.shapes, self._link_carriers, *poses, self.radii)
+        self.spinning = SpinningShapes(self._model, self.shapes, self._link_carriers, *poses, self.radii)
         # A joint changes the distance of a pair if it carries one of both bodies and not the other.
         self._support = np.zeros((len(self.carriers), self._model.nv))
         for k, joint in enumerate(self.carriers):
@@ -359,11 +359,6 @@ class CollisionDistances:
 
     # ------------------------------------------------------------------ along motions
 
-    @property
-    def link_shapes(self) -> int:
-        """Number of shapes of links; the shapes of obstacles follow."""
-        return len(self.carriers) - len(self.obstacles)
-
     def depends_on(self, velocities: np.ndarray) -> np.ndarray:
         """Mask (k,) of the pairs whose bodies move relative to each other by some velocities, a mask (nv,).
 
@@ -389,7 +384,7 @@ class CollisionDistances:
         moving = [self.link_shapes + k for k in self._moving]
         at = _carried(joints, self._link_carriers, rotations, places, self._centers)
         up = np.array([0.0, 0.0, 1.0])  # obstacles that move turn by yaw
-        axes = np.matvec(turns, self._axes), np.broadcast_to(up, (len(q), len(moving), 3))
+        axes = np.matvec(turns, self.spinning.axes), np.broadcast_to(up, (len(q), len(moving), 3))
         still = self.spinning.without_spin(at.rotations, turns)
         pivots = np.concatenate([origins, at.origins[:, moving]], axis=1)
         return PlacedBodies(at.rotations, still, at.origins, at.middles, pivots, np.concatenate(axes, axis=1))

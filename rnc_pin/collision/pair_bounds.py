@@ -19,7 +19,7 @@ The segments of a sampled motion say how far joints and obstacles move along eac
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cache, cached_property
 from typing import NamedTuple
 
 import coal
@@ -272,8 +272,12 @@ class _Track:
     """Motion of an obstacle, evaluated once at each time."""
 
     def __init__(self, motion: ObstacleMotion) -> None:
-        self._motion = motion
-        self._known: dict[float, tuple[Array, Array]] = {}
+        @cache  # segments meet at their ends: a user's motion is asked once for each time
+        def pose_and_rate(t: float) -> Float[Array, "2 4"]:
+            point = motion.at(t)
+            return np.array([point.position, point.velocity], dtype=float)
+
+        self._at = pose_and_rate
 
     def segments(self, times: Float[Array, "k 2"]) -> tuple[Array, Array, Array, Array]:
         """Rotations, translations and their deviations, (k,) each, along segments of constant velocity and yaw rate."""
@@ -284,7 +288,8 @@ class _Track:
         start, end = times[rows].T
         parts = number / counts[rows], (number + 1) / counts[rows]
         moments = [start + parts[0] * (end - start), np.where(parts[1] < 1.0, start + parts[1] * (end - start), end)]
-        (poses, rates), (next_poses, next_rates) = ([np.array(x) for x in self._at(each)] for each in moments)
+        found = np.array([[self._at(t) for t in each.tolist()] for each in moments]).reshape(2, -1, 2, 4)
+        (poses, rates), (next_poses, next_rates) = found.swapaxes(1, 2)
         step, slope = ((end - start) / counts[rows])[:, None], next_poses - poses
         cubic = 0.25  # a cubic deviates from its chord by 4/27 of the differences of its slopes times the duration
         bent = cubic * (np.abs(rates * step - slope) + np.abs(next_rates * step - slope))
@@ -294,19 +299,6 @@ class _Track:
         np.maximum.at(deviation[0], rows, bent)
         np.maximum.at(deviation[1], rows, away)
         return (*_sizes(last - origin), *_sizes(deviation.sum(axis=0)))
-
-    def _at(self, times: Float[Array, " k"]) -> tuple[list[Array], list[Array]]:
-        """Poses and rates at times."""
-        poses, rates = [], []
-        for t in times.tolist():
-            # Segments meet at their ends: a user's motion is asked once for each time.
-            if t not in self._known:
-                point = self._motion.at(t)
-                self._known[t] = np.array(point.position, dtype=float), np.array(point.velocity, dtype=float)
-            pose, rate = self._known[t]
-            poses.append(pose)
-            rates.append(rate)
-        return poses, rates
 
 
 def _sizes(steps: Float[Array, "k 4"]) -> tuple[Array, Array]:

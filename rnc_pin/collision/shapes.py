@@ -124,7 +124,6 @@ class SpinningShapes:
 
     Args:
         model: model of the robot.
-        axes: axes of its joints, by ``axes_of_rotation``.
         shapes: convex shapes; only those with a carrier are looked at.
         carriers: joint that carries each of the first shapes.
         rotations, origins: poses of the shapes in their joints, (s, 3, 3) and (s, 3) [m].
@@ -132,26 +131,26 @@ class SpinningShapes:
 
     Attributes:
         shapes: indices (n,) of the shapes that spin.
+        axes: axis of each joint that turns about one axis, in its frame (njoints, 3); NaN for other joints.
         wobble: largest distance (s,) of a point of each shape from an exact shape of revolution [m].
     """
 
     def __init__(
         self,
         model: pin.Model,
-        axes: Float[Array, "njoints 3"],
         shapes: Sequence[coal.CollisionGeometry],
         carriers: Int[Array, " k"],
         rotations: Float[Array, "s 3 3"],
         origins: Float[Array, "s 3"],
         radii: Float[Array, " s"],
     ) -> None:
-        self.wobble = np.zeros(len(shapes))
+        self.axes, self.wobble = axes_of_rotation(model), np.zeros(len(shapes))
         found = []
         # [m]; axes in files have few digits: 1.5708 for a right angle moves the rim of a wheel by 1e-6 m.
         most_wobble = 2e-6
         of_revolution = (coal.Cylinder, coal.Capsule, coal.Cone)  # about the z axes of their frames
         for k, joint in enumerate(carriers.tolist()):
-            axis = axes[joint]
+            axis = self.axes[joint]
             turns = not np.isnan(axis).any() and model.joints[joint].nv == 1
             if not turns or not isinstance(shapes[k], (coal.Sphere, *of_revolution)):
                 continue

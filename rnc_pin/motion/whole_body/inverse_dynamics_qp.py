@@ -66,7 +66,7 @@ class _SampleProgram(NamedTuple):
     """Limits of a sample and the effect of its inputs T, in unknowns y beside the contact forces.
 
     v2 at the end is ``still + motion y``, and ``T = resting + inputs y``. The columns of ``motion`` are orthonormal by
-    ``MotionMetric``: the cost of an unknown is that of a motion. Without ``still``, y reaches every v2.
+    ``MotionMetric``: the cost of an unknown is that of a motion.
     """
 
     sample: ControlSample
@@ -74,14 +74,13 @@ class _SampleProgram(NamedTuple):
     contacts: ContactBounds
     basis: MotionBasis
     motion: Float[Array, "r p"]
-    still: Float[Array, " r"] | None
+    still: Float[Array, " r"]
     inputs: Float[Array, "p p"]
     resting: Float[Array, " p"]
 
     def velocity(self, unknowns: Array) -> Array:
         """v2 (r,) at the end."""
-        moved = self.motion.dot(unknowns[: len(self.resting)])
-        return moved if self.still is None else np.asarray(self.still + moved)
+        return np.asarray(self.still + self.motion.dot(unknowns[: len(self.resting)]))
 
     def efforts(self, unknowns: Array) -> Array:
         """Inputs T (p,)."""
@@ -101,7 +100,7 @@ def _unknowns(state: StateEvaluation, dt: float, basis: MotionBasis) -> tuple[Ar
     if p == r:  # the unknowns can be the velocities themselves
         inputs = state.accelerating_inputs
         if not inputs.size or inputs[0, 0] < np.inf:
-            return basis.to_v2, (inputs if basis.plain else inputs.dot(basis.to_v2)) / dt
+            return basis.to_v2, inputs.dot(basis.to_v2) / dt
     left, values, right = np.linalg.svd(basis.of_v2 @ (dt * effects))
     rank = int((values > NO_EFFECT * values.max(initial=0.0)).sum())
     motion, inputs = np.zeros((r, p)), right.T.copy()
@@ -224,7 +223,7 @@ class InverseDynamicsQP(WholeBodyProgram):
         if rests and braking_time is not None and self._limits.names:
             self._braking = Braking(reduced, self._limits, self._contacts, self.limit_names, dt, braking_time)
         self._forces = [np.arange(stops[0], stops[1]), np.arange(stops[1], stops[2])]
-        self._places, self._nowhere = np.arange(stops[2]), np.zeros(reduced.n)
+        self._places = np.arange(stops[2])
 
     def initial_state(self, measurement: Measurement) -> InverseDynamicsState:
         """Return the state before the first sample."""
@@ -243,7 +242,8 @@ class InverseDynamicsQP(WholeBodyProgram):
         """
         elapsed_time(t, state.time)
         q, v2 = self._configuration(measurement), measurement.v2
-        program, found = self._decided(t, q, v2, state.multipliers, state.shifts)
+        program = self._program(t, q, v2)
+        found = self._solved(t, program, state.multipliers, state.shifts)
         exceeded, worst_exceeded, braking = state.exceeded, state.worst_exceeded, state.braking
         if self._braking is not None:
             start = program.sample.start
@@ -278,14 +278,7 @@ class InverseDynamicsQP(WholeBodyProgram):
             v2: reduced velocities at the start (r,).
             multipliers: multipliers of the last program, (levels, k), to start from.
         """
-        return self._decided(t, q, v2, multipliers)[1]
-
-    def _decided(
-        self, t: float, q: Array, v2: Array, multipliers: Array | None, shifts: Array | None = None
-    ) -> tuple[_SampleProgram, InputSolution]:
-        """Program of one sample, and its solution."""
-        program = self._program(t, q, v2)
-        return program, self._solved(program, *self._posed(t, program), multipliers, shifts)
+        return self._solved(t, self._program(t, q, v2), multipliers, None)
 
     def braking_problem(self, t: float, q: Array, v2: Array) -> str | None:
         """Return what the braking motion from a state does not keep; None if all limits hold until rest.
@@ -335,30 +328,22 @@ class InverseDynamicsQP(WholeBodyProgram):
         motion, inputs = _unknowns(state, self.dt, basis)
         free = state.v2 + self.dt * state.input_accelerations[1]
         # Inputs that reach every velocity also cancel what moves without them: no part of it remains.
-        if motion is basis.to_v2:
-            still, moved = None, free if basis.plain else basis.of_v2.dot(free)
-        else:
-            moved = basis.of_v2.dot(motion).T.dot(basis.of_v2.dot(free))
-            still = free - motion.dot(moved)
+        moved = basis.of_v2.dot(motion).T.dot(basis.of_v2.dot(free))
+        still = free - motion.dot(moved)
         limits = self._limits.rows(sample), self._contacts.at(state)
         return _SampleProgram(sample, *limits, basis, motion, still, inputs, -inputs.dot(moved))
 
     def _solved(
-        self,
-        program: _SampleProgram,
-        levels: TaskLevels,
-        sampled: SampledDamping,
-        bounds: ProgramBounds,
-        multipliers: Array | None,
-        shifts: Array | None,
+        self, t: float, program: _SampleProgram, multipliers: Array | None, shifts: Array | None
     ) -> InputSolution:
         """Solve the levels within the limits, which hold for the velocity that the dynamics give at the end.
 
         Args:
+            t: time of the start of the sample [s].
             program: limits of the sample and the effect of its inputs.
-            levels, sampled, bounds: as of ``_posed``.
             multipliers, shifts: those of the last sample, if they are known.
         """
+        levels, sampled, bounds = self._posed(t, program)
         sample, rows = program.sample, program.rows
         state, motions = sample.start, len(rows.lower)
 
@@ -397,8 +382,7 @@ class InverseDynamicsQP(WholeBodyProgram):
                 change = _onto_bounds(found.multipliers, bounds, np.where(over > under, -over, under), 2.0 * least)
                 found = found._replace(unknowns=found.unknowns + change)
                 continue
-            # Limits that exclude each other still do after a correction: an attempt to keep them is spared.
-            similar = self._forces, sampled._replace(near=found.damping), bool(excess.any())
+            similar = self._forces, sampled._replace(near=found.damping)
             found = solve_within(levels, bounds.shifted(shifts), *always, found.multipliers, *similar)
             if found.unsolved:
                 break
@@ -453,9 +437,7 @@ class InverseDynamicsQP(WholeBodyProgram):
         now = ControlSample(self._reduced, t, start.q, start.v2, 0.0, start)
         J, rate = tasks.rows(sample, now)
         inputs, resting, efforts = program.inputs[self._limited], program.resting[self._limited], self._efforts
-        offset, wanted = self._nowhere, decay * start.v2
-        if program.still is not None:
-            offset, wanted = end.R.dot(program.still), wanted - program.still
+        offset, wanted = end.R.dot(program.still), decay * start.v2 - program.still
         if self._reduced.affine:
             offset = offset + end.b
         (r, p), k, motions, ground = motion.shape, len(tasks.roots), len(limits.lower), len(contacts.upper)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple, cast
 
 import numpy as np
+from scipy.linalg import null_space
 
 from rnc_pin.analysis.contact_forces import ContactForceSet
 from rnc_pin.array_shapes import Array, Float, Int
@@ -95,14 +96,10 @@ class ContactCones:
     def excess(self, states: StateEvaluation, T: Float[Array, "N p"]) -> Float[Array, " k"]:
         """Largest amount by which each condition fails at states (N,) under inputs, for the best forces."""
         effects, needed = self._forces.equations(states, self._rows(states), T)
-        left, values, right = np.linalg.svd(effects)
-        counted = values > _RANK * values[:, :1]
-        inverses = np.divide(1.0, values, out=np.zeros_like(values), where=counted)
-        along = inverses * np.matvec(left.mT[:, : values.shape[1]], needed)
-        found = np.matvec(right.mT[:, :, : values.shape[1]], along) @ self._conditions.T
+        found = np.matvec(np.linalg.pinv(effects, _RANK), needed) @ self._conditions.T
         # The forces of least norm need not be the best ones: undetermined forces may mend what these violate.
         for number in np.flatnonzero((found > 0.0).any(axis=1)):
-            free = self._conditions @ right[number, int(counted[number].sum()) :].T
+            free = self._conditions @ null_space(effects[number], _RANK)
             point = nearest_point(np.zeros(free.shape[1]), free, np.full(len(free), -np.inf), -found[number])
             if free.shape[1] and point is not None:
                 found[number] += free @ point.point

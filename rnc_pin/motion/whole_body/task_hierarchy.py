@@ -50,8 +50,6 @@ class MotionBasis(NamedTuple):
     """v2 of unknowns."""
     of_v2: Float[Array, "r r"]
     """Unknowns of v2."""
-    plain: bool
-    """True if v2 are such unknowns."""
 
 
 class MotionMetric:
@@ -123,8 +121,7 @@ class MotionMetric:
             of_v2 = np.asarray(np.linalg.qr(self.scales[:, None] * R, mode="r"))
             # A factorization leaves the signs open: unknowns must not change theirs between samples.
             of_v2 *= np.sign(of_v2.diagonal())[:, None]
-            plain = np.array_equal(of_v2, np.eye(len(of_v2)))
-            last = self._last = numbers, MotionBasis(np.ascontiguousarray(inverse(of_v2)), of_v2, plain)
+            last = self._last = numbers, MotionBasis(np.ascontiguousarray(inverse(of_v2)), of_v2)
         return last[1]
 
 
@@ -304,7 +301,6 @@ def solve_within(
     multipliers: Array | None = None,
     before: Sequence[Array] = (),
     sampled: SampledDamping | None = None,
-    exclusive: bool = False,
 ) -> CascadeSolution:
     """Solve the levels; limits that exclude each other give way.
 
@@ -314,9 +310,8 @@ def solve_within(
         limits: the limits, in the order in which they give way.
         otherwise: gives the unknowns (n,) if no program is solved.
         before: groups of further bounds, which give way after all limits.
-        exclusive: True if the limits of a similar program exclude each other.
     """
-    found = None if exclusive else solve_cascade(levels, bounds, damping, multipliers, sampled)
+    found = solve_cascade(levels, bounds, damping, multipliers, sampled)
     if found is not None:
         return found
     none = np.zeros((len(levels.ends), bounds.total)), np.zeros(bounds.total)

@@ -8,19 +8,19 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from functools import partial
-from typing import ClassVar, NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.controller import (
+    DescribedMixin,
     Description,
     LimitedAcceleration,
     MissedGoal,
     State,
     VelocityTarget,
     elapsed_time,
-    listed,
     nested,
 )
 from rnc_pin.errors import ConfigurationError, InputError
@@ -32,7 +32,6 @@ from rnc_pin.motion.whole_body.limit_stack import LimitStack
 from rnc_pin.motion.whole_body.limits.control_limit import AccelerationLimit, ControlLimit, ControlSample
 from rnc_pin.motion.whole_body.task_hierarchy import MotionMetric, TaskStack, solve_within
 from rnc_pin.motion.whole_body.tasks import ControlTask, DampingTask, PostureTask
-from rnc_pin.printing import ReprMixin
 from rnc_pin.verdict import GOAL_TOLERANCE, MOSTLY, Finding, FindingKind, Severity
 
 
@@ -94,19 +93,14 @@ class ProgramRecord(Protocol):
     unsolved: SampleCount
 
 
-class WholeBodyProgram(ReprMixin):
+class WholeBodyProgram(DescribedMixin):
     """Tasks as least squares and limits as inequalities, for one model.
 
     Args:
         reduced: the model.
         tasks, limits: the tasks and limits.
         resting: as of ``TaskStack``.
-
-    Attributes:
-        described: names of the attributes that the description contains beside tasks and limits.
     """
-
-    described: ClassVar[tuple[str, ...]] = ()
 
     def __init__(
         self, reduced: ReducedModel, tasks: Sequence[ControlTask], limits: Sequence[ControlLimit], resting: int = 0
@@ -139,9 +133,8 @@ class WholeBodyProgram(ReprMixin):
 
     def describe(self) -> Description:
         """Return the settings of tasks and limits, and those of the program."""
-        items = {name: [_describe_item(each) for each in getattr(self, name)] for name in ("tasks", "limits")}
-        settings = {name: listed(getattr(self, name)) for name in self.described}
-        return {"type": type(self).__name__, **items, **settings}
+        tasks, limits = ([_describe_item(each) for each in some] for some in (self.tasks, self.limits))
+        return {**super().describe(), "tasks": tasks, "limits": limits}
 
     def _configuration(self, measurement: Measurement) -> Float[Array, " nq"]:
         if measurement.q is None:
