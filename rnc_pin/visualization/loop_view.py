@@ -229,6 +229,10 @@ _ABSENCE = 5.0  # time without a browser after which a paused loop continues [s]
 class LoopView(SummaryMixin, LiveView, Generic[Made]):
     """Live view of a loop; ``rnc.show`` makes it.
 
+    Attributes:
+        running: True until the user ends the loop on the page, or ``close`` is called.
+        paused: True while the page pauses the loop.
+
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
         >>> with rnc.show(robot, open_browser=False) as view:
@@ -253,7 +257,7 @@ class LoopView(SummaryMixin, LiveView, Generic[Made]):
         # A copy: the page changes the gains in the thread of its server.
         self._made_of = dict(self._gains)
         self._condition = threading.Condition()
-        self._running, self._paused, self._steps, self._message = True, False, 0, ""
+        self.running, self.paused, self._steps, self._message = True, False, 0, ""
         self._last_time, self._begin = -math.inf, time.monotonic()
         panel = ControlPanel("loop", self._receive)
         super().__init__(model, view, speed=speed, open_browser=False, title=title, panel=panel)
@@ -299,7 +303,7 @@ class LoopView(SummaryMixin, LiveView, Generic[Made]):
             self.restart()
         self._last_time = sample.time
         self(sample)
-        if self._paused:
+        if self.paused:
             self._wait(sample)
 
     @property
@@ -331,16 +335,6 @@ class LoopView(SummaryMixin, LiveView, Generic[Made]):
             self._tell_status()
         return self._made
 
-    @property
-    def running(self) -> bool:
-        """True until the user ends the loop on the page, or ``close`` is called."""
-        return self._running
-
-    @property
-    def paused(self) -> bool:
-        """True while the page pauses the loop."""
-        return self._paused
-
     def open(self) -> None:
         """Show the page: in a notebook under the cell, otherwise in the user's browser."""
         if _in_notebook():
@@ -351,7 +345,7 @@ class LoopView(SummaryMixin, LiveView, Generic[Made]):
     def close(self) -> None:
         """Draw the last state, and stop serving."""
         with self._condition:
-            self._running = self._paused = False
+            self.running = self.paused = False
             self._condition.notify_all()
         super().close()
 
@@ -360,7 +354,7 @@ class LoopView(SummaryMixin, LiveView, Generic[Made]):
     def _sample(
         self, q: ArrayLike, v2: ArrayLike | None, t: float | None, T: ArrayLike | None, command: Command | None
     ) -> Sample:
-        if not self._running and self.closed:
+        if not self.running and self.closed:
             raise InputError("the view is closed")
         reduced = self._model.reduced
         # Checked in the caller's thread: in the drawing thread an error would reach nobody.
@@ -387,12 +381,12 @@ class LoopView(SummaryMixin, LiveView, Generic[Made]):
         begin = seen = time.monotonic()
         poll = 0.1  # period at which a paused loop looks for a browser [s]
         with self._condition:
-            while self._paused and not self._steps:
+            while self.paused and not self._steps:
                 self._condition.wait(poll)
                 if self.watched:
                     seen = time.monotonic()
                 elif time.monotonic() - seen > _ABSENCE:
-                    self._paused = False
+                    self.paused = False
             self._steps = max(0, self._steps - 1)
         # The loop's own time stands still while it waits.
         self._begin += time.monotonic() - begin
@@ -406,11 +400,11 @@ class LoopView(SummaryMixin, LiveView, Generic[Made]):
         with self._condition:
             # Each field is checked: another program of this user may send anything.
             if kind == "pause" and isinstance(value, bool):
-                self._paused, self._steps = value and self._running, 0
-            elif kind == "step" and self._paused:
+                self.paused, self._steps = value and self.running, 0
+            elif kind == "step" and self.paused:
                 self._steps += 1
             elif kind == "end":
-                self._running = self._paused = False
+                self.running = self.paused = False
             elif kind == "gain" and isinstance(name, str) and name in self._ranges:
                 lower, upper, _ = self._ranges[name]
                 if is_number(value) and lower <= value <= upper:
@@ -419,12 +413,12 @@ class LoopView(SummaryMixin, LiveView, Generic[Made]):
         self._tell_status()
 
     def _tell_status(self) -> None:
-        messages = [*([] if self._running else ["the loop ends"]), *filter(None, [self._message])]
-        status = {"paused": self._paused, "messages": messages, "values": self._gains}
+        messages = [*([] if self.running else ["the loop ends"]), *filter(None, [self._message])]
+        status = {"paused": self.paused, "messages": messages, "values": self._gains}
         self.tell("status", to_json_mapping(status, "status"))
 
     def _summary(self) -> ObjectSummary:
-        state = "paused" if self._paused else "running" if self._running else "ended"
+        state = "paused" if self.paused else "running" if self.running else "ended"
         gains = [Item(name, f"{value:.4g}") for name, value in self.gains.items()]
         title = f"LoopView of '{self._model.robot.name}': {state}, {self.url}"
         return ObjectSummary(title, [("gains", gains)] if gains else [])

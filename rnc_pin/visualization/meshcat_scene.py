@@ -101,8 +101,7 @@ class Keyframes:
 
     def __init__(self, rate: float) -> None:
         self.rate = rate
-        self._frames: dict[str, list[int]] = {}
-        self._matrices: dict[str, list[np.ndarray]] = {}
+        self._poses: dict[str, list[tuple[int, np.ndarray]]] = {}
         self._tracks: dict[str, list[dict[str, object]]] = {}
 
     def place(self, path: str, frame: int, matrix: np.ndarray) -> None:
@@ -113,8 +112,7 @@ class Keyframes:
             frame: number of the frame.
             matrix: the transform.
         """
-        self._frames.setdefault(path, []).append(frame)
-        self._matrices.setdefault(path, []).append(matrix)
+        self._poses.setdefault(path, []).append((frame, matrix))
 
     def appear(self, path: str, frame: int) -> None:
         """Show a node from this frame on.
@@ -129,8 +127,9 @@ class Keyframes:
 
     def command(self) -> dict[str, object]:
         """Command that plays the animation."""
-        for path, matrices in self._matrices.items():
-            self._tracks.setdefault(path, []).extend(self._motion(self._frames[path], np.stack(matrices)))
+        for path, poses in self._poses.items():
+            frames, matrices = zip(*poses, strict=True)
+            self._tracks.setdefault(path, []).extend(self._motion(frames, np.stack(matrices)))
         clips = [
             {"path": path, "clip": {"fps": self.rate, "name": "default", "tracks": tracks}}
             for path, tracks in self._tracks.items()
@@ -138,7 +137,7 @@ class Keyframes:
         return {"type": "set_animation", "animations": clips, "options": {"play": True, "repetitions": 1}}
 
     @staticmethod
-    def _motion(frames: list[int], matrices: np.ndarray) -> list[dict[str, object]]:
+    def _motion(frames: Sequence[int], matrices: np.ndarray) -> list[dict[str, object]]:
         columns = matrices[:, :3, :3]
         # Three.js keeps a transform as position, quaternion and scale, and interpolates these.
         scale = np.linalg.norm(columns, axis=1)
@@ -156,7 +155,7 @@ class Keyframes:
         return tracks
 
 
-def _track(name: str, kind: str, frames: list[int], values: np.ndarray) -> dict[str, object]:
+def _track(name: str, kind: str, frames: Sequence[int], values: np.ndarray) -> dict[str, object]:
     """Keys of one property as Three.js takes them; of a constant interval only the first and the last key."""
     moves = np.abs(np.diff(values, axis=0)).max(axis=1, initial=0.0) > _SAME_VALUE
     # Both ends of a constant interval stay, so that the player does not interpolate into it.

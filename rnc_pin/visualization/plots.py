@@ -16,7 +16,7 @@ from rnc_pin.figures.panel import MAX_LINES
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import LimitReplay, Trajectory, compared_paths, run_name
 from rnc_pin.visualization.elements import SceneKinematics
-from rnc_pin.visualization.scene_bodies import hull_from_above, outline, surface_points
+from rnc_pin.visualization.scene_bodies import hull_from_above, outline, points_at
 
 _ROBOT, _ROBOT_EDGE = "0.55", "0.3"  # the same of the robot
 
@@ -99,8 +99,7 @@ def footprints(robot: Robot, q: np.ndarray) -> list[np.ndarray]:
         return []
     kinematics, parts = SceneKinematics(robot), dict[int, list[np.ndarray]]()
     for shape in source.geometryObjects:
-        pose = kinematics.shape_placement(shape, q)
-        points = surface_points(shape.geometry) @ pose.rotation.T + pose.translation
+        points = points_at(shape.geometry, kinematics.shape_placement(shape, q))
         # One hull for each joint: links that are fixed to each other are one part.
         parts.setdefault(int(shape.parentJoint), []).append(points)
     # Joint 0 is the world: what is fixed there does not move.

@@ -204,15 +204,14 @@ def _ball(radius: float) -> np.ndarray:
     return radius * np.unique(np.stack(points, axis=-1).reshape(-1, 3).round(12), axis=0)
 
 
-def points_at(obstacle: Obstacle, t: float) -> np.ndarray:
-    """Points (n, 3) on an obstacle in the world [m] at time t [s].
+def points_at(shape: coal.CollisionGeometry, pose: pin.SE3) -> np.ndarray:
+    """Points (n, 3) on a convex shape in the world [m].
 
     Args:
-        obstacle: the obstacle.
-        t: the time.
+        shape: any convex shape.
+        pose: its pose.
     """
-    pose = obstacle.placement(t)
-    return surface_points(obstacle.shape) @ pose.rotation.T + pose.translation
+    return surface_points(shape) @ pose.rotation.T + pose.translation
 
 
 def outline(obstacle: Obstacle, t: float) -> np.ndarray:
@@ -222,7 +221,7 @@ def outline(obstacle: Obstacle, t: float) -> np.ndarray:
         obstacle: the obstacle.
         t: the time.
     """
-    return hull_from_above(points_at(obstacle, t))
+    return hull_from_above(points_at(obstacle.shape, obstacle.placement(t)))
 
 
 def hull_from_above(points: np.ndarray) -> np.ndarray:
@@ -305,7 +304,7 @@ def corners_over_time(obstacles: Sequence[Obstacle], times: Sequence[float]) -> 
         obstacles: the obstacles.
         times: the times.
     """
-    points = [points_at(obstacle, t) for obstacle in obstacles if not obstacle.unbounded for t in times]
+    points = [points_at(each.shape, each.placement(t)) for each in obstacles if not each.unbounded for t in times]
     return np.concatenate(points) if points else np.zeros((0, 3))
 
 

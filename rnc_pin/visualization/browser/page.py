@@ -141,32 +141,20 @@ _RANK = {"delete": -1, "set_object": 0, "copy": 0, "set_property": 1, "set_trans
 _OTHER_RANK = 3
 
 
-def put_latest(commands: Commands, key: Key, data: bytes) -> None:
-    """Store a command in place of the earlier one. A "delete" replaces all commands at its path and below.
+def apply_commands(commands: Commands, new: list[tuple[Key, bytes]], keep_deletes: bool = False) -> None:
+    """Store commands in place of earlier ones. A "delete" removes all commands at its path and below.
 
     Args:
         commands: commands so far by path and kind, which change.
-        key: path and kind of the command.
-        data: the packed command.
+        new: further commands: path, kind and packed command.
+        keep_deletes: True to store a "delete" too, for a page that has drawn the node.
     """
-    path, kind = key
-    if kind == "delete":
-        for each in [each for each in commands if path in ("", each[0]) or each[0].startswith(path + "/")]:
-            del commands[each]
-    commands[key] = data
-
-
-def apply_commands(commands: Commands, new: list[tuple[Key, bytes]]) -> None:
-    """Add new commands to the scene; a deleted node leaves nothing behind.
-
-    Args:
-        commands: commands so far by path and kind, which change.
-        new: further commands.
-    """
-    for key, data in new:
-        put_latest(commands, key, data)
-        if key[1] == "delete":
-            del commands[key]
+    for (path, kind), data in new:
+        if kind == "delete":
+            for each in [each for each in commands if path in ("", each[0]) or each[0].startswith(path + "/")]:
+                del commands[each]
+        if kind != "delete" or keep_deletes:
+            commands[path, kind] = data
 
 
 def in_order(commands: Commands) -> list[bytes]:

@@ -25,7 +25,7 @@ import umsgpack
 
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.visualization.browser import page as pages
-from rnc_pin.visualization.browser.page import LOOPBACK, Commands, Key, RequestFilter, apply_commands, put_latest
+from rnc_pin.visualization.browser.page import LOOPBACK, Commands, Key, RequestFilter, apply_commands
 
 Receiver: TypeAlias = Callable[[object], object]
 """Function for one message of a user, decoded from JSON and otherwise unchecked."""
@@ -230,8 +230,7 @@ class _Browser(FilteredHandler, tornado.websocket.WebSocketHandler):
         self.offer(list(self._latest.items()))
 
     def offer(self, commands: list[tuple[Key, bytes]]) -> None:
-        for key, data in commands:
-            put_latest(self._waiting, key, data)
+        apply_commands(self._waiting, commands, keep_deletes=True)
         if self.sending is None:
             self.sending = asyncio.get_running_loop().create_task(self._send())
 
