@@ -55,10 +55,9 @@ def _driven(prepared: PreparedDrive, duration: float | None, browser: bool) -> R
     settings, queue = prepared.scenario.experiment.simulation, CommandQueue(prepared.controls)
     # Two at least: fewer samples cannot be replayed.
     samples = None if duration is None else max(2, round(duration / settings.dt) + 1)
-    title = prepared.scenario.experiment.scenario.title or prepared.scenario.name
     wait = 15.0  # [s] for a browser before the run starts
     with ExitStack() as stack:
-        page = DrivePage(prepared, queue, title, browser)
+        page = DrivePage(prepared, queue, prepared.scenario.title, browser)
         stack.callback(page.close)
         click.echo(f"drive on {page.url} (Ctrl-C or 'End run' ends it)", err=True)
         if browser:

@@ -7,12 +7,12 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypedDict, Unpack
+from typing import Unpack
 
 import click
 
 from rnc_pin.applications.command_line.messages import DONE, warn
-from rnc_pin.applications.command_line.report import print_summary, report_findings
+from rnc_pin.applications.command_line.report import Watching, print_summary, report_findings
 from rnc_pin.applications.scenario.files import built_in_names, find_scenario
 from rnc_pin.applications.scenario.output_folder import check_new_file, one_line_errors
 from rnc_pin.applications.scenario.scenario import Scenario
@@ -36,11 +36,6 @@ class Run:
         """Robot with its model, obstacles and contacts, to draw."""
         made = self.scenario
         return DrawnModel(made.robot, made.reduced, made.obstacles, made.content.contact_constraints)
-
-    @property
-    def title(self) -> str:
-        """Title of the scenario, or its name."""
-        return self.scenario.content.title or self.scenario.name
 
 
 def load_run(source: Path) -> Run:
@@ -125,55 +120,49 @@ def live_view(
             warn(f"the live view stopped: {type(live.problem).__name__}: {live.problem}")
 
 
-class ReplayFiles(TypedDict):
-    """Files that a replay writes."""
-
-    html: Path | None
-    video: Path | None
-    rate: float
-    force: bool
-
-
 def replay_runs(
-    sources: tuple[Path, ...], show: bool, speed: float, browser: bool, host: str, **files: Unpack[ReplayFiles]
+    sources: tuple[Path, ...],
+    show: bool,
+    html: Path | None,
+    video: Path | None,
+    rate: float,
+    force: bool,
+    **watching: Unpack[Watching],
 ) -> int:
     """Write the requested files of runs, show them, or print their summaries and verdicts. Return the exit status.
 
     Args:
         sources: folders or files of runs; the others are compared with the first.
         show: True to show the first run in the browser.
-        speed: simulated time over real time; 0 does not wait.
-        browser: True to open the browser.
-        host: address to serve on.
-        **files: files to write.
+        html: page to write.
+        video: video to write.
+        rate: frames per second of the video.
+        force: True to replace existing files.
+        **watching: options of the live view.
     """
     runs = [load_run(source) for source in sources]
     # Before anything is written: a refusal of the second file leaves none behind.
-    for option, path in (("--html", files["html"]), ("--video", files["video"])):
+    for option, path in (("--html", html), ("--video", video)):
         if path is not None:
-            check_new_file(option, path, files["force"])
-    if files["html"] or files["video"]:
+            check_new_file(option, path, force)
+    if html or video:
         # Other runs are pale robots in the scene of the first.
         first, others = runs[0], _compared(runs)
-        view, title = first.scenario.content.view, first.title
-        _write(Recording(first.drawn_model, first.trajectory, view, title, others), files)
+        view, title = first.scenario.content.view, first.scenario.title
+        recording = Recording(first.drawn_model, first.trajectory, view, title, others)
+        with one_line_errors():
+            if html is not None:
+                recording.save(html, force)
+                click.echo(f"wrote {html} ({html.stat().st_size / 1e6:.1f} MB)")
+            if video is not None:
+                write_video(recording, video, rate, replace=force)
+                click.echo(f"wrote {video} ({video.stat().st_size / 1e6:.1f} MB)")
     if show:
-        _show(runs[0], speed, browser, host)
-    if show or files["html"] or files["video"]:
+        _show(runs[0], **watching)
+    if show or html or video:
         return DONE
     # The worst status: 1 if any of the runs failed.
     return max([_judged(run) for run in runs])
-
-
-def _write(recording: Recording, files: ReplayFiles) -> None:
-    html, video, force = files["html"], files["video"], files["force"]
-    with one_line_errors():
-        if html is not None:
-            recording.save(html, force)
-            click.echo(f"wrote {html} ({html.stat().st_size / 1e6:.1f} MB)")
-        if video is not None:
-            write_video(recording, video, files["rate"], replace=force)
-            click.echo(f"wrote {video} ({video.stat().st_size / 1e6:.1f} MB)")
 
 
 def _judged(run: Run) -> int:
@@ -186,10 +175,10 @@ def _judged(run: Run) -> int:
     return report_findings(verdict, f"the run is in {run.source}")
 
 
-def _show(run: Run, speed: float, browser: bool, host: str) -> None:
-    shown = run.drawn_model, run.scenario.content.view, run.trajectory.info, run.title
+def _show(run: Run, **watching: Unpack[Watching]) -> None:
+    shown = run.drawn_model, run.scenario.content.view, run.trajectory.info, run.scenario.title
     # Ctrl-C ends the show, and is no failure of the run.
-    with live_view(*shown, speed, browser, host) as live, suppress(KeyboardInterrupt):
+    with live_view(*shown, **watching) as live, suppress(KeyboardInterrupt):
         # As often as a screen draws.
         for state in recorded_states(run.scenario.robot, run.trajectory, rate=60.0):
             live(state)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import cast
+from typing import TypedDict, cast
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -20,6 +20,14 @@ from rnc_pin.interruption import uninterrupted
 from rnc_pin.printing import Line, SummaryMixin
 from rnc_pin.simulation import PrintedSummary, Summary
 from rnc_pin.verdict import Severity, Verdict, weight_of
+
+
+class Watching(TypedDict):
+    """Options of the live view."""
+
+    speed: float
+    browser: bool
+    host: str
 
 
 @contextmanager

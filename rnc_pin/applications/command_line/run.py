@@ -4,22 +4,14 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import TypedDict, Unpack
+from typing import Unpack
 
 from rnc_pin.applications.command_line.messages import announce, told_each_minute
-from rnc_pin.applications.command_line.report import progress_bar, run_and_report
+from rnc_pin.applications.command_line.report import Watching, progress_bar, run_and_report
 from rnc_pin.applications.scenario.execution import Result, execute
 from rnc_pin.applications.scenario.files import parse_options
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.simulation import Observer, RunInfo
-
-
-class Watching(TypedDict):
-    """Options of the live view."""
-
-    speed: float
-    browser: bool
-    host: str
 
 
 def run_scenario(
@@ -59,10 +51,9 @@ def _watched(prepared: Scenario, watching: Watching, quiet: bool) -> Result:
     """Execute the run with a live view."""
     from rnc_pin.applications.command_line.replay import live_view  # Meshcat takes a second to import
 
-    experiment = prepared.experiment
-    title = prepared.content.title or prepared.name
-    info = RunInfo(experiment.drawn_model.outputs, provenance=experiment.provenance)
-    with live_view(experiment.drawn_model, prepared.content.view, info, title, **watching) as live:
+    drawn, view = prepared.experiment.drawn_model, prepared.content.view
+    info = RunInfo(drawn.outputs, provenance=prepared.experiment.provenance)
+    with live_view(drawn, view, info, prepared.title, **watching) as live:
         return _executed(prepared, live, quiet)
 
 

@@ -250,10 +250,10 @@ def write_animation(scenario: Scenario, result: Result, path: Path) -> None:
     Raises:
         ModelError: the robot has no geometry.
     """
-    content = scenario.content
-    view = replace(content.view, hide=[*content.view.hide, "compared"])  # users can switch this layer on
-    drawn, title = scenario.experiment.drawn_model, content.title or scenario.name
-    visualization.Recording(drawn, result.trajectory, view, title, result.comparisons).save(path)
+    view = scenario.content.view
+    view = replace(view, hide=[*view.hide, "compared"])  # users can switch this layer on
+    shown = scenario.experiment.drawn_model, result.trajectory, view, scenario.title, result.comparisons
+    visualization.Recording(*shown).save(path)
 
 
 def _figure(scenario: Scenario, result: Result, name: str) -> Figure | None:

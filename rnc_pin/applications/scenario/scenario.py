@@ -177,6 +177,11 @@ class Scenario(SummaryMixin):
         return found
 
     @property
+    def title(self) -> str:
+        """Title of the file, or the name of the scenario."""
+        return self.content.title or self.name
+
+    @property
     def system(self) -> NonholonomicSystem:
         """System of robot, constraints and actuators."""
         return self.model.system

@@ -251,9 +251,6 @@ class _ToSetPoint(_ToGoal, MotionProblem):
     goal: Annotated[dict[str, float], Field(min_length=1)]
 
 
-_SET_POINT = ("form", "nodes", "seeds", "tolerance", "tube", "check", "braking", "velocities")
-
-
 class SetPointSettings(_ToSetPoint):
     """Plans to a goal at rest with feedback: one at the start, and another where the feedback would miss the goal.
 
@@ -297,7 +294,7 @@ class SetPointSettings(_ToSetPoint):
             (self.duration[0], self.duration[1]) if isinstance(self.duration, list) else self.duration,
             bounds=list(bounds_of(self, context, self.tolerance)),
             limits=None if self.limits is None else self.limits.build(),
-            **self.values_of(*_SET_POINT),
+            **self.values_of("form", "nodes", "seeds", "tolerance", "tube", "check", "braking", "velocities"),
         )
         # Its steps return what ``velocities`` says, which its type does not tell.
         if self.velocities:

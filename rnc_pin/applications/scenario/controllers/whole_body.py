@@ -21,7 +21,6 @@ from rnc_pin.collision import Obstacle, PairSelection
 from rnc_pin.errors import RncError
 from rnc_pin.io import Strict
 from rnc_pin.model import Axes, NotNegative, OutputKind, OutputStack, Positive
-from rnc_pin.motion.planning import Reference
 from rnc_pin.motion.whole_body import InverseDynamicsQP, VelocityQP, limits, tasks
 from rnc_pin.motion.whole_body.tasks import ControlTask
 from rnc_pin.outputs import CenterOfMass, FramePosition, FrameYaw
@@ -51,10 +50,6 @@ class _FollowingTask(Strict):
     @abstractmethod
     def outputs(self) -> list[OutputKind]:
         """Outputs that the reference describes."""
-
-    def build(self, reference: Reference) -> ControlTask:
-        """Build the task."""
-        return self.task(**{**dict(self), "reference": reference})
 
 
 class OutputTaskSettings(_FollowingTask):
@@ -214,7 +209,8 @@ class WholeBodySettings(ControllerSettings):
                 else:
                     stack = OutputStack([kind.bind(reduced.robot) for kind in item.outputs])
                     start = stack.value(reduced.at(context.q0).position)
-                    task = item.build(item.reference.from_start(start, stack.coordinates))
+                    reference = item.reference.from_start(start, stack.coordinates)
+                    task = item.task(**{**dict(item), "reference": reference})
                 task.bind(reduced)  # again in the program, but there an error would not tell which task it is
             found.append(task)
         return found
