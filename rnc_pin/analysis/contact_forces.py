@@ -73,20 +73,19 @@ class ContactForceSet:
 
     def _effects(self, rows: Array, lines: ContactLines | None) -> tuple[Array, Array | None]:
         """Matrices W (N, e, y) of the equations, and the combinations (N, e', 3) of the plane's balances in it."""
-        of_rows = rows.mT
         if lines is None:
-            return of_rows, None
+            return rows.mT, None
         gives, couples = self.normal.plane_effects(lines)
         # Two wheels without casters cannot balance a pitch moment: such a balance must not enter the equations.
         kept = self.balanced_part(gives, couples)
-        left = np.zeros((len(rows), 3, rows.shape[1]))
+        of_rows = np.zeros((len(rows), 3, rows.shape[1]))
         for number, contact in enumerate(self.normal.contacts):
             if not self._by_motion[number]:
-                left[:, :, contact.up] = gives[:, :, number]
-        right = np.concatenate([gives[:, :, self._by_motion], couples], axis=2)
-        nothing = np.zeros((len(rows), of_rows.shape[1], right.shape[2]))
-        below = kept @ np.concatenate([left, right], axis=2)
-        return np.concatenate([np.concatenate([of_rows, nothing], axis=2), below], axis=1), kept
+                of_rows[:, :, contact.up] = gives[:, :, number]
+        balances = np.concatenate([of_rows, gives[:, :, self._by_motion], couples], axis=2)
+        # The generalized force of the constraints has no part of the other unknowns.
+        forces = np.pad(rows.mT, ((0, 0), (0, 0), (0, balances.shape[2] - rows.shape[1])))
+        return np.concatenate([forces, kept @ balances], axis=1), kept
 
     def _lines(self, at: Array | StateEvaluation) -> ContactLines | None:
         """Lines of action at configurations (N, nq) or at one state; None if rows keep all heights."""

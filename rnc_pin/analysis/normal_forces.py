@@ -19,7 +19,6 @@ from rnc_pin.model.cached_property import once_per_model
 from rnc_pin.model.generalized_forces import PassiveForce
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics, VelocityKinematics
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.rows import Place
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.printing import printed
 from rnc_pin.robots.joint_values import NamedModel
@@ -87,8 +86,19 @@ def contacts_of(reduced: ReducedModel) -> list[Contact]:
     acting = np.zeros(reduced.all_constraints.size, dtype=bool)
     for position in _defined(reduced):
         acting |= np.isfinite(reduced.all_constraints.lines_of_action(position)[0]).all(axis=1)
-    found = [_contact(place, acting) for place in reduced.all_constraints.places]
-    return [each for each in found if each is not None]
+    found: list[Contact] = []
+    for block, where, _ in reduced.all_constraints.places:
+        holonomic, frame = block.holonomic or (False,) * len(block.names), getattr(block.kind, "frame", None)
+        along = tuple(
+            where.start + row for row, fixed in enumerate(holonomic) if not fixed and acting[where.start + row]
+        )
+        # The row that carries, if any, keeps the height.
+        ups = [where.start + row for row, fixed in enumerate(holonomic) if fixed and block.on_ground]
+        if along or ups:
+            point = (*along, *ups)[0]
+            name = frame if isinstance(frame, str) else block.names[point - where.start]
+            found.append(Contact(name, along, ups[0] if ups else None, point))
+    return found
 
 
 def _defined(reduced: ReducedModel) -> Iterator[PositionKinematics]:
@@ -102,19 +112,6 @@ def _defined(reduced: ReducedModel) -> Iterator[PositionKinematics]:
             reduced.all_constraints.jacobian(position)
             reduced.all_constraints.lines_of_action(position)
             yield position
-
-
-def _contact(place: Place, acting: Array) -> Contact | None:
-    """Contact of one constraint: its rows along the ground, and the row that carries, if any."""
-    block, start = place.block, place.where.start
-    holonomic = block.holonomic or (False,) * len(block.names)
-    along = tuple(start + row for row, fixed in enumerate(holonomic) if not fixed and acting[start + row])
-    ups = [start + row for row, fixed in enumerate(holonomic) if fixed and block.on_ground]
-    if not (along or ups):
-        return None
-    up, frame = ups[0] if ups else None, getattr(block.kind, "frame", None)
-    point = along[0] if along else ups[0]
-    return Contact(frame if isinstance(frame, str) else block.names[point - start], along, up, point)
 
 
 @once_per_model
