@@ -249,7 +249,7 @@ def _unpack(content: _Value, arrays: dict[str, Array], known: dict[str, type]) -
     items = [_unpack(each, arrays, known) for each in content["items"]]
     kind = known.get(content["kind"])
     if kind is None:
-        raise ConfigurationError(f"the state is that of another controller: it holds a '{content['kind']}'")
+        raise ConfigurationError(f"it is that of another controller: it holds a '{content['kind']}'")
     return tuple(items) if kind is tuple else kind(*items)
 
 
@@ -257,35 +257,23 @@ def _read_state(path: Path, reduced: ReducedModel, controller: Controller) -> tu
     """Read a file of ``write_state``; also return the initial state of the controller at its configuration.
 
     Raises:
-        ConfigurationError: the file does not exist, has another format, or holds tuples of another controller.
-        RncError: the controller raises it at that configuration.
+        Exception: the file does not exist, is no archive, has any other structure, or holds tuples of another
+            controller; or the controller raises it at that configuration.
     """
-    try:
-        arrays = read_npz(path, text=[_STRUCTURE], largest=_MOST_BYTES)
-        # The only types that a file can name: it may come from anywhere.
-        known: dict[str, type] = {each.__qualname__: each for each in (tuple, LateTicks, VelocityEstimate)}
-        packed = json.loads(str(arrays.pop(_STRUCTURE)))["items"]
-        fields = dict(zip(LoopState._fields, packed, strict=True))
-        initial: State = None
-        if fields["q"] is not None:
-            here = reduced.at(_unpack(fields["q"], arrays, known), v=np.zeros(reduced.n), t=0.0)
-            initial = controller.initial_state(here.measure(np.zeros(reduced.r)))
-            # The controller's own tuples are valid too: only it can tell their types.
-            known |= {
-                type(each).__qualname__: type(each) for each in _parts(initial, "").values() if isinstance(each, tuple)
-            }
-        found = {name: _unpack(each, arrays, known) for name, each in fields.items()}
-        return LoopState(**found), initial  # type: ignore[arg-type]  # ``check_state`` checks each field
-    except FileNotFoundError:
-        raise ConfigurationError(f"no file '{path}'") from None
-    except ArchiveError as error:
-        raise ConfigurationError(f"{path}: not the state of a loop: {error}") from None
-    except ConfigurationError as error:
-        raise ConfigurationError(f"{path}: {error}") from None
-    except RncError:
-        raise
-    except Exception:  # a broken file can hold any structure
-        raise ConfigurationError(f"{path}: not the state of a loop") from None
+    arrays = read_npz(path, text=[_STRUCTURE], largest=_MOST_BYTES)
+    # The only types that a file can name: it may come from anywhere.
+    known: dict[str, type] = {each.__qualname__: each for each in (tuple, LateTicks, VelocityEstimate)}
+    packed = json.loads(str(arrays.pop(_STRUCTURE)))["items"]
+    fields = dict(zip(LoopState._fields, packed, strict=True))
+    initial: State = None
+    if fields["q"] is not None:
+        here = reduced.at(_unpack(fields["q"], arrays, known), v=np.zeros(reduced.n), t=0.0)
+        initial = controller.initial_state(here.measure(np.zeros(reduced.r)))
+        # The controller's own tuples are valid too: only it can tell their types.
+        own = (type(each) for each in _parts(initial, "").values() if isinstance(each, tuple))
+        known |= {each.__qualname__: each for each in own}
+    found = {name: _unpack(each, arrays, known) for name, each in fields.items()}
+    return LoopState(**found), initial  # type: ignore[arg-type]  # ``check_state`` checks each field
 
 
 def restore(path: Path, reduced: ReducedModel, controller: Controller) -> LoopState:
@@ -305,10 +293,14 @@ def restore(path: Path, reduced: ReducedModel, controller: Controller) -> LoopSt
         # A controller that failed takes no further step, so its state is never used.
         if state.q is not None and not state.failed:
             _check_trial_step(state, reduced, controller, initial)
-    except ConfigurationError:
-        raise
+    except FileNotFoundError:
+        raise ConfigurationError(f"no file '{path}'") from None
+    except ArchiveError as error:
+        raise ConfigurationError(f"{path}: not the state of a loop: {error}") from None
     except RncError as error:
         raise ConfigurationError(f"{path}: the state does not fit this loop: {error}") from None
+    except Exception:  # a broken file can hold any structure
+        raise ConfigurationError(f"{path}: not the state of a loop") from None
     # This text comes from a file, and terminals obey control characters.
     return state if state.fault is None else state._replace(fault=printable(state.fault))
 
