@@ -172,15 +172,12 @@ class _ExternalWrenches:
         unknown: list[str] = []
         forces = reduced.reduction_data.forces
         for kind, force in zip(forces.kinds, forces, strict=True):
-            try:
+            with suppress(Exception):  # a kind of a user need not be one for any robot
                 found = None if force.generalized else kind.bind(free)
-                known = found is not None and np.allclose(found.force(moved)[6:], force.force(at))
-            except Exception:  # a kind of a user, which need not be one for any robot
-                known = False
-            if known and found is not None:
-                self._forces.append(found)
-            else:
-                unknown.append(force.name)
+                if found is not None and np.allclose(found.force(moved)[6:], force.force(at)):
+                    self._forces.append(found)
+                    continue
+            unknown.append(force.name)
         contacts = {row for each in contacts_of(reduced) for row in (*each.along, each.up)}
         for place in reduced.all_constraints.places:
             block, rows = place.block, range(place.where.start, place.where.stop)
@@ -254,8 +251,7 @@ class NormalForces:
         self._reduced, self._model = reduced, reduced.robot.model
         self._kinematics, self._data = Kinematics(reduced.robot), self._model.createData()
         self._roots = [joint for joint in range(1, self._model.njoints) if self._model.parents[joint] == 0]
-        contacts, self.carried_by_row = _carriers(reduced)
-        self.contacts = list(contacts)
+        self.contacts, self.carried_by_row = _carriers(reduced)
         self.names, self.rows = tuple(each.name for each in self.contacts), reduced.all_constraints.names
         self._points = [each.point for each in self.contacts]
         self._wrenches = None if self.carried_by_row.all() else _ExternalWrenches(reduced)
