@@ -48,19 +48,14 @@ def open_regular(path: Path, follow_links: bool = True) -> BufferedReader:
         OSError: the file cannot be read or is not regular. A pipe would block, and a device may never end.
     """
     links = 0 if follow_links else os.O_NOFOLLOW
-    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | links)  # opening a pipe would block
-    try:
-        mode = os.fstat(descriptor).st_mode
-        if stat.S_ISDIR(mode):
-            raise OSError(errno.EISDIR, "Is a directory", str(path))
-        if not stat.S_ISREG(mode):
-            raise OSError(errno.EINVAL, "Not a regular file", str(path))
-        for each in _recorders:
-            each.add(Path(path).resolve())
-        return os.fdopen(descriptor, "rb")
-    except BaseException:
-        os.close(descriptor)
-        raise
+    # Without O_NONBLOCK, opening a pipe would block. The caller closes the file.
+    file = open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK | links))  # noqa: SIM115
+    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        file.close()
+        raise OSError(errno.EINVAL, "Not a regular file", str(path))
+    for each in _recorders:
+        each.add(Path(path).resolve())
+    return file
 
 
 def read_bytes(path: Path, largest: int = LARGEST) -> bytes:

@@ -83,12 +83,10 @@ def _example_data() -> Path:
         files = importlib.metadata.files("example-robot-data") or []
     except importlib.metadata.PackageNotFoundError:
         raise ModelError("example-robot-data is not installed: pip install example-robot-data") from None
-    for file in files:
-        if file.suffix == ".urdf":
-            located = Path(str(file.locate()))
-            for parent in located.parents:
-                if parent.name == "robots" and parent.parent.name == "example-robot-data":
-                    return parent.resolve()
+    places = (Path(str(file.locate())) for file in files if file.suffix == ".urdf")
+    for folder in (parent for place in places for parent in place.parents):
+        if folder.name == "robots" and folder.parent.name == "example-robot-data":
+            return folder.resolve()
     raise ModelError("example-robot-data is installed without its robots")
 
 

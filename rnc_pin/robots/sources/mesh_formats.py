@@ -51,13 +51,11 @@ def read_mesh(path: Path) -> Mesh:
     lfs = b"version https://git-lfs"  # first bytes of a file that Git LFS has not fetched
     if content.startswith(lfs):
         raise ModelError("a git-lfs pointer: git lfs pull")
-    broken = (
-        *(ArithmeticError, AttributeError, LookupError, MemoryError, RecursionError, TypeError, ValueError),
-        SyntaxError,  # of XML
-    )
     try:
         return FORMATS[ending](content)
-    except broken:
+    except ModelError:
+        raise
+    except Exception:  # any: numbers, indices, and the XML parser's, by a file that is not well formed
         raise ModelError(f"not well-formed {ending[1:].upper()}") from None
 
 

@@ -308,6 +308,7 @@ def read_stl(content: bytes) -> Mesh:
 
 
 _MAX_NODES = 100_000  # visited nodes; each instance counts
+_MAX_DEPTH = 100  # Python's own limit of nested calls is 1000
 
 
 def read_collada(content: bytes) -> Mesh:
@@ -370,9 +371,8 @@ class _ColladaScene:
         """
         # Nodes can be instances of nodes, which double from level to level or never end.
         self._visited += 1
-        deepest = 100  # Python's own limit of nested calls is 1000
-        if self._visited > _MAX_NODES or depth > deepest:
-            raise ModelError(f"nodes are more than {deepest} deep, or more than {_MAX_NODES:,}")
+        if self._visited > _MAX_NODES or depth > _MAX_DEPTH:
+            raise ModelError(f"nodes are more than {_MAX_DEPTH} deep, or more than {_MAX_NODES:,}")
         transforms = ("matrix", "translate", "scale", "rotate", "lookat", "skew")
         for part in node:
             if part.tag in transforms:

@@ -19,9 +19,8 @@ import pinocchio as pin
 from rnc_pin.errors import ModelError, check_known, missing_extra, nearest, warn
 from rnc_pin.io.safe_read import LARGEST
 from rnc_pin.robots import robot_files
-from rnc_pin.robots.sources import description
+from rnc_pin.robots.sources import description, urdf_repairs
 from rnc_pin.robots.sources.mjcf_model import SMALLEST, MeshAssets, MjcfGeometry, ModelBuilder, pose
-from rnc_pin.robots.sources.urdf_repairs import snap_mjcf
 
 if TYPE_CHECKING:
     import mujoco
@@ -50,7 +49,10 @@ def read_mjcf(
     ignored, driven = unread(root), driven_joints(root)
     with ModelError.at(path):
         reduce_document(root)
-        notes = snap_mjcf(root) if snap else []
+        # MuJoCo reads degrees by default, for which 90 is exact.
+        units = [each.attrib["angle"] for each in root.findall("compiler") if "angle" in each.attrib]
+        angles = [("body", ".", "euler")] if units[-1:] == ["radian"] else []
+        notes = urdf_repairs.snap(root, [("joint", ".", "axis"), ("body", ".", "quat"), *angles]) if snap else []
         assets = MeshAssets(root)
         # By MuJoCo itself: defaults, frames, replicas and inertias from shapes then mean what they mean there.
         compiled = compile_document(root, assets)

@@ -16,7 +16,7 @@ import pinocchio as pin
 from rnc_pin.errors import ModelError, few
 from rnc_pin.printing import counted
 from rnc_pin.robots.sources import mesh_formats, mesh_readers
-from rnc_pin.robots.sources.description import ROOT_JOINTS, check_not_negative, read_numbers
+from rnc_pin.robots.sources.description import ROOT_JOINTS, check_not_negative, check_numbers, read_numbers
 from rnc_pin.robots.sources.mesh_readers import Mesh
 
 if TYPE_CHECKING:
@@ -62,8 +62,7 @@ class ModelBuilder:
         self.model.gravity.linear = np.zeros(3) if weightless else compiled.opt.gravity
         self.joints: dict[int, int] = {}
         self.references: dict[str, float] = {}
-        self._check_joint_names()
-        self._check_roots()
+        self._check_base()
         names = [compiled.body(k).name for k in range(compiled.nbody)]
         self._free = (each for k in itertools.count(1) if (each := f"body_{k}") not in names)
         self._names = [name or next(self._free) for name in names]
@@ -87,19 +86,18 @@ class ModelBuilder:
         ending = "_free" if compiled.jnt_type[joint] == FREE else f"Joint_{joint - compiled.body_jntadr[body]}"
         return compiled.joint(joint).name or self._names[body] + ending
 
-    def _check_joint_names(self) -> None:
-        """Refuse names with which Pinocchio would end the process, or add joints endlessly."""
+    def _check_base(self) -> None:
+        """Refuse a base that cannot be replaced, and names with which Pinocchio would end the process."""
+        compiled = self._compiled
         taken = {"universe"} if self._make_root is None else {"universe", "root_joint"}
-        for k in range(self._compiled.njnt):
-            name = self._compiled.joint(k).name
-            if name in taken and (self._base is None or self._compiled.jnt_type[k] != FREE):
+        for k in range(compiled.njnt):
+            name = compiled.joint(k).name
+            if name in taken and (self._base is None or compiled.jnt_type[k] != FREE):
                 raise ModelError(f"a joint cannot be called '{name}': it is the base's name")
-
-    def _check_roots(self) -> None:
-        roots = [k for k in range(1, self._compiled.nbody) if self._compiled.body_parentid[k] == 0]
         if self._make_root is None:
             return
-        names = [self._compiled.body(k).name or "without a name" for k in roots]
+        roots = [k for k in range(1, compiled.nbody) if compiled.body_parentid[k] == 0]
+        names = [compiled.body(k).name or "without a name" for k in roots]
         if len(roots) > 1:
             raise ModelError(
                 f"base='{self._base}' moves one body, and in <worldbody> there are {len(roots)}: {few(names)}; "
@@ -226,7 +224,6 @@ def pose(position: np.ndarray, quaternion: np.ndarray) -> pin.SE3:
 
 _MESH = 7  # type of a shape
 _MOVED = {"refpos", "refquat"}
-_USUAL = {"scale": "1 1 1", "refpos": "0 0 0", "refquat": "1 0 0 0"}
 
 
 class MeshAssets:
@@ -247,7 +244,7 @@ class MeshAssets:
         tetrahedron = "100 100 100 100 -100 -100 -100 100 -100 -100 -100 100"
         for mesh in root.findall("asset/mesh"):
             name = mesh.get("name") or Path(mesh.get("file", "")).stem
-            if _numbers(mesh.attrib, "scale", 3) is None:
+            if read_numbers(mesh.get("scale", "1 1 1"), 3) is None:
                 raise ModelError(f"mesh '{name}': scale takes three numbers, found '{mesh.get('scale')}'")
             self._attributes[name] = dict(mesh.attrib)
             kept = {key: mesh.attrib[key] for key in kept_keys if key in mesh.attrib}
@@ -306,16 +303,13 @@ class MeshAssets:
         mesh = _inline_triangles(attributes) if file is None else mesh_formats.read_mesh(Path(file))
         if not _MOVED & set(attributes):
             return mesh
-        place, turn = _numbers(attributes, "refpos", 3), _numbers(attributes, "refquat", 4)
-        if place is None or turn is None or not turn.any():
-            raise ModelError("refpos takes three numbers, refquat four that are not all zero")
+        place = check_numbers(attributes.get("refpos", "0 0 0"), (3,), "refpos")
+        turn = check_numbers(attributes.get("refquat", "1 0 0 0"), (4,), "refquat")
+        if not turn.any():
+            raise ModelError("refquat is zero")
         rotation = pin.Quaternion(turn[0], *turn[1:]).normalized().matrix()
         # refpos and refquat are the place of the new origin in the file: vertices move the other way.
         return mesh_readers.checked_mesh((mesh.vertices - place) @ rotation, mesh.triangles)
-
-
-def _numbers(attributes: Mapping[str, str], key: str, count: int) -> np.ndarray | None:
-    return read_numbers(attributes.get(key, _USUAL[key]), count)
 
 
 def _inline_triangles(attributes: Mapping[str, str]) -> Mesh:

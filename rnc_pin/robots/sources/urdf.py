@@ -15,9 +15,8 @@ import pinocchio as pin
 from rnc_pin.errors import ModelError, argument, check_known, few, nearest, warn
 from rnc_pin.io.safe_read import read_bytes
 from rnc_pin.robots import robot_files
-from rnc_pin.robots.sources import description
+from rnc_pin.robots.sources import description, urdf_repairs
 from rnc_pin.robots.sources.urdf_links import Meshes, bodies_of, give_masses
-from rnc_pin.robots.sources.urdf_repairs import ENDLESS, Roundings, repair
 
 CHILDREN: Mapping[str, tuple[str, ...]] = {
     "robot": ("link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor"),
@@ -61,7 +60,7 @@ def read_urdf(
     root = parse_urdf(path, xacro_arguments, packages)
     with ModelError.at(path):
         # Repairs first: checks after them tell only what no repair can decide.
-        notes = repair(root, path.name)
+        notes = urdf_repairs.repair(root, path.name)
         _check_unique(root)
         meshes = Meshes(root, path, packages)
         # Meshes are known now, whose boxes give the moments; the checks come after, because masses repair what they
@@ -74,7 +73,9 @@ def read_urdf(
             raise ModelError(f"joint 'root_joint' has the name of a {base} base's own: rename it in the file")
         mimics = _mimics(root, path)
         if snap:
-            notes += _snap(root)
+            # A wheel then has an inertia symmetric about its axle. No axis has to be parallel to the geometry.
+            places = ("link", "inertial/origin", "rpy"), ("joint", "origin", "rpy"), ("joint", "axis", "xyz")
+            notes += urdf_repairs.snap(root, places)
         for note in notes:
             warn(f"{path.name}: {note}")
         model = _build(ElementTree.tostring(root, encoding="unicode"), base)
@@ -132,23 +133,6 @@ def _why_no_links(root: ElementTree.Element, path: Path) -> str:
     return "has no links"
 
 
-def _snap(root: ElementTree.Element) -> list[str]:
-    """Replace rounded angles and axes of joints, and angles of inertias, by exact ones.
-
-    A wheel then has an inertia symmetric about its axle. Geometry does not change, because no axis must be parallel to
-    it.
-    """
-    roundings = Roundings()
-    places = ("link", "inertial/origin", "rpy"), ("joint", "origin", "rpy"), ("joint", "axis", "xyz")
-    for owner, path, key in places:
-        for each in root.findall(owner):
-            element = each.find(path)
-            # Words that are no numbers are left to urdfdom, which refuses them with their line.
-            if element is not None and description.read_numbers(element.get(key), 3) is not None:
-                roundings.make_exact(element, key, f"{owner} '{each.get('name')}'")
-    return roundings.notes()
-
-
 def _build(text: str, base: str) -> pin.Model:
     make_root = description.ROOT_JOINTS[base]
     failure: Exception | None = None
@@ -167,7 +151,7 @@ def _build(text: str, base: str) -> pin.Model:
         *(model.velocityLimit, model.upperVelocityLimit, model.lowerVelocityLimit),
     ):
         # The stand-in for an infinite limit becomes infinite again, with its sign.
-        limit[np.abs(limit) == ENDLESS] *= np.inf
+        limit[np.abs(limit) == urdf_repairs.ENDLESS] *= np.inf
     return model
 
 

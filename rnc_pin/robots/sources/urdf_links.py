@@ -8,6 +8,7 @@ from __future__ import annotations
 import itertools
 from collections import Counter
 from collections.abc import Mapping
+from contextlib import suppress
 from copy import deepcopy
 from functools import partial
 from pathlib import Path
@@ -139,8 +140,7 @@ def _meshes(count: int) -> str:
 
 def _mesh_of(shape: ElementTree.Element) -> ElementTree.Element | None:
     """Return the ``<mesh>`` of a shape, or None. Urdfdom uses the first element of the geometry."""
-    geometry = shape.find("geometry")
-    first = None if geometry is None else next(iter(geometry), None)
+    first = shape.find("geometry/*")
     return first if first is not None and first.tag == "mesh" else None
 
 
@@ -279,32 +279,26 @@ def _pose(origin: ElementTree.Element | None) -> pin.SE3:
 
 def _bounds(geometry: ElementTree.Element | None) -> np.ndarray:
     """Lowest and highest coordinates (2, 3) of a geometry in its own frame; NaN if it cannot be read."""
-    half = np.full(3, np.nan)
-    if geometry is None:
-        return np.stack([-half, half])
-    numbers = (description.read_number(geometry.get(key)) for key in ("radius", "length"))
-    radius, length = (np.nan if number is None else number for number in numbers)
-    if geometry.tag == "mesh":
-        vertices = _vertices(geometry.get("filename", "")) * _vector(geometry.get("scale"), 1.0)
-        return np.stack([vertices.min(axis=0), vertices.max(axis=0)])
-    if geometry.tag == "box":
-        half = _vector(geometry.get("size")) / 2
-    elif geometry.tag == "sphere":
-        half = np.full(3, radius)
-    elif geometry.tag == "cylinder":
-        half = np.array([radius, radius, length / 2])
-    return np.stack([-half, half])
-
-
-def _vertices(file: str) -> np.ndarray:
     from rnc_pin.robots.sources.mesh_formats import read_mesh
 
-    try:
-        if Path(file).is_absolute():  # a relative path means that the file was not found
-            return read_mesh(Path(file)).vertices
-    except ModelError:
-        pass
-    return np.full((1, 3), np.nan)
+    half = np.full(3, np.nan)
+    attributes = {} if geometry is None else geometry.attrib
+    numbers = (description.read_number(attributes.get(key)) for key in ("radius", "length"))
+    radius, length = (np.nan if number is None else number for number in numbers)
+    match None if geometry is None else geometry.tag:
+        case "mesh":
+            file = Path(attributes.get("filename", ""))
+            with suppress(ModelError):
+                if file.is_absolute():  # a relative path means that the file was not found
+                    vertices = read_mesh(file).vertices * _vector(attributes.get("scale"), 1.0)
+                    return np.stack([vertices.min(axis=0), vertices.max(axis=0)])
+        case "box":
+            half = _vector(attributes.get("size")) / 2
+        case "sphere":
+            half = np.full(3, radius)
+        case "cylinder":
+            half = np.array([radius, radius, length / 2])
+    return np.stack([-half, half])
 
 
 def _vector(text: str | None, default: float = 0.0) -> np.ndarray:

@@ -13,10 +13,11 @@ import math
 import re
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
 from decimal import Decimal
 from typing import TypeAlias
 from xml.etree import ElementTree
+
+import numpy as np
 
 from rnc_pin.errors import ModelError, argument, few
 from rnc_pin.robots.sources.description import read_number, read_numbers
@@ -105,71 +106,49 @@ def _cosine(text: str, number: float) -> float:
     return number
 
 
-@dataclass
-class Roundings:
-    """Record of the rounded values that were replaced in a file.
-
-    Attributes:
-        changed: number of angles and axes changed by more than ``REPORTED``.
-        largest: largest change [rad, or of a component].
-        where: joint or body with the largest change, in words.
-    """
-
-    changed: int = 0
-    largest: float = 0.0
-    where: str = ""
-
-    def make_exact(self, element: ElementTree.Element, key: str, where: str) -> None:
-        """Replace rounded numbers of an attribute by exact ones.
-
-        Args:
-            element: element with the attribute, changed in place.
-            key: angles [rad], ``rpy`` or ``euler``; others are a direction or a unit quaternion.
-            where: joint or body that it belongs to, in words.
-        """
-        words = element.attrib[key].split()
-        given = [float(each) for each in words]
-        is_axis = key not in ("rpy", "euler")
-        exact = snapped_direction(words) if is_axis else [snapped_angle(each) for each in words]
-        # The length of an axis has no meaning: only its direction is compared.
-        lengths = [math.hypot(*numbers) for numbers in (given, exact)] if is_axis else [1.0, 1.0]
-        if not all(lengths):
-            return
-        changes = [abs(old / lengths[0] - new / lengths[1]) for old, new in zip(given, exact, strict=True)]
-        changed = sum(change > REPORTED for change in changes)
-        self.changed += min(changed, 1) if is_axis else changed
-        if max(changes) > self.largest:
-            self.largest, self.where = max(changes), where
-        texts = [word if old == new else repr(new) for word, old, new in zip(words, given, exact, strict=True)]
-        element.set(key, " ".join(texts))
-
-    def notes(self) -> list[str]:
-        """Summary of the changes in one line, which can follow the file name; none if there is nothing to report."""
-        if not self.changed:
-            return []
-        said = "1 angle or axis is" if self.changed == 1 else f"{self.changed} angles or axes are"
-        largest = f"largest change {self.largest:.0e} rad, {self.where}"
-        return [f"{said} rounded in the file and made exact ({largest}); {argument('snap', False)} keeps them"]
-
-
-def snap_mjcf(root: ElementTree.Element) -> list[str]:
-    """Replace rounded axes of joints and quaternions of bodies by exact ones, and angles of bodies given in radians.
+def snap(root: ElementTree.Element, places: Sequence[tuple[str, str, str]]) -> list[str]:
+    """Replace rounded numbers by exact ones.
 
     Args:
         root: root element of the file, changed in place.
+        places: joints or bodies, the path of an element inside, and its attribute: angles [rad], ``rpy`` or ``euler``;
+            or a direction or a unit quaternion.
 
     Returns:
-        Texts on the changes; each can follow the file name.
+        Text on the changes, which can follow the file name; none if there is nothing to report.
     """
-    roundings = Roundings()
-    # MuJoCo reads degrees by default, for which 90 is exact.
-    units = [each.attrib["angle"] for each in root.findall("compiler") if "angle" in each.attrib]
-    keys = {"joint": ("axis",), "body": ("quat", "euler") if units[-1:] == ["radian"] else ("quat",)}
-    for element in root.iter():
-        for key in keys.get(element.tag, ()):
-            if key in element.attrib:
-                roundings.make_exact(element, key, f"{element.tag} '{element.get('name', '')}'")
-    return roundings.notes()
+    changes: list[tuple[float, str]] = []
+    for tag, path, key in places:
+        for owner in root.iter(tag):
+            element = owner.find(path)
+            # Words that are no numbers are left to the parser, which refuses them with their line.
+            if element is not None and read_numbers(element.get(key)) is not None:
+                where = f"{tag} '{owner.get('name', '')}'"
+                changes += [(change, where) for change in _make_exact(element, key) if change > REPORTED]
+    if not changes:
+        return []
+    said = "1 angle or axis is" if len(changes) == 1 else f"{len(changes)} angles or axes are"
+    largest, where = max(changes, key=lambda each: each[0])
+    return [
+        f"{said} rounded in the file and made exact (largest change {largest:.0e} rad, {where}); "
+        f"{argument('snap', False)} keeps them"
+    ]
+
+
+def _make_exact(element: ElementTree.Element, key: str) -> list[float]:
+    """Make the numbers of an attribute exact. Return the change of each angle [rad], or of the direction."""
+    words = element.attrib[key].split()
+    given = np.array([float(each) for each in words])
+    is_axis = key not in ("rpy", "euler")
+    exact = np.array(snapped_direction(words) if is_axis else [snapped_angle(each) for each in words])
+    # The length of an axis has no meaning: only its direction is compared.
+    lengths = [float(np.linalg.norm(numbers)) if is_axis else 1.0 for numbers in (given, exact)]
+    if not all(lengths):
+        return []
+    changes = np.abs(given / lengths[0] - exact / lengths[1])
+    texts = [word if old == new else repr(new) for word, old, new in zip(words, given, exact.tolist(), strict=True)]
+    element.set(key, " ".join(texts))
+    return [changes.max()] if is_axis else changes.tolist()
 
 
 Notes: TypeAlias = defaultdict[str, list[str]]
@@ -293,37 +272,29 @@ def _limits(root: ElementTree.Element, notes: Notes) -> None:
     Simulators take a lower limit above the upper one, and a negative effort or velocity, for no limit. A range that the
     file does not state is none either, although urdfdom takes it for 0 to 0.
     """
-    limited = ("revolute", "prismatic")
+    unlimited = {"lower": repr(-ENDLESS), "upper": repr(ENDLESS)}
     for joint in root.findall("joint"):
-        name = str(joint.get("name"))
-        limit = joint.find("limit")
+        name, limit = str(joint.get("name")), joint.find("limit")
+        has_range = joint.get("type") in ("revolute", "prismatic")
         if limit is None:
-            if joint.get("type") not in limited:
-                continue
-            limit = ElementTree.SubElement(joint, "limit")
-            _open(limit)
-            notes["has no <limit> and is taken as unlimited: joint"].append(name)
-        elif joint.get("type") != "fixed" and any(limit.get(key) is None for key in ("effort", "velocity")):
-            notes["has no limit of effort or velocity, which is taken as infinite: joint"].append(name)
-        if any((read_number(limit.get(key)) or 0.0) < 0 for key in ("effort", "velocity")):
-            notes["has a negative limit of effort or velocity, which is taken as infinite: joint"].append(name)
-        for key in ("effort", "velocity"):
-            if limit.get(key) is None or (read_number(limit.get(key)) or 0.0) < 0:
-                limit.set(key, repr(ENDLESS))
-        if joint.get("type") not in limited:
+            if has_range:
+                ElementTree.SubElement(joint, "limit", unlimited | dict.fromkeys(("effort", "velocity"), repr(ENDLESS)))
+                notes["has no <limit> and is taken as unlimited: joint"].append(name)
             continue
+        missing = [key for key in ("effort", "velocity") if limit.get(key) is None]
+        negative = [key for key in ("effort", "velocity") if (read_number(limit.get(key)) or 0.0) < 0]
+        if missing and joint.get("type") != "fixed":
+            notes["has no limit of effort or velocity, which is taken as infinite: joint"].append(name)
+        if negative:
+            notes["has a negative limit of effort or velocity, which is taken as infinite: joint"].append(name)
+        limit.attrib |= dict.fromkeys((*missing, *negative), repr(ENDLESS))
         lower, upper = (read_number(limit.get(key)) or 0.0 for key in ("lower", "upper"))
-        if lower > upper:
-            _open(limit)
+        if has_range and lower > upper:
+            limit.attrib |= unlimited
             notes["has a lower limit above the upper and is taken as unlimited: joint"].append(name)
-        elif lower == upper and None in (limit.get("lower"), limit.get("upper")):
-            _open(limit)
+        elif has_range and lower == upper and None in (limit.get("lower"), limit.get("upper")):
+            limit.attrib |= unlimited
             notes["has a <limit> without lower and upper and is taken as unlimited: joint"].append(name)
-
-
-def _open(limit: ElementTree.Element) -> None:
-    limit.set("lower", repr(-ENDLESS))
-    limit.set("upper", repr(ENDLESS))
 
 
 def _world(root: ElementTree.Element, notes: Notes) -> None:

@@ -19,7 +19,7 @@ from xml.etree.ElementTree import Element
 from rnc_pin.errors import ModelError, nearest, place_of
 from rnc_pin.robots.robot_files import Packages
 from rnc_pin.robots.sources import xacro_definitions as definitions
-from rnc_pin.robots.sources.xacro_definitions import Macro, Parameter, PlacedElement, Scope, Substitution
+from rnc_pin.robots.sources.xacro_definitions import Parameter, PlacedElement, Scope, Substitution
 from rnc_pin.robots.sources.xacro_expressions import Namespace, Value
 
 _PREFIX = "xacro:"
@@ -72,7 +72,7 @@ class _Expander:
     def __init__(self, path: Path, substitution: Substitution, known: Mapping[str, Collection[str]]) -> None:
         self._path, self._known, self._substitution = path, known, substitution
         self._value, self._arguments = substitution.value, substitution.arguments
-        self._called: list[Macro] = []
+        self._called: list[Element] = []
         self.fault = ""
         self._elements: Mapping[str, Callable[[Element, Element, Scope], None]] = {
             "arg": self._arg,
@@ -92,7 +92,9 @@ class _Expander:
         return str(self._value(text, scope))
 
     def _copy(self, source: Element, scope: Scope) -> Element:
-        copy = source.copied() if isinstance(source, PlacedElement) else Element(source.tag)
+        copy = PlacedElement(source.tag)
+        if isinstance(source, PlacedElement):
+            copy.file, copy.line = source.file, source.line
         for name, text in source.items():
             if not name.startswith(_PREFIX):
                 copy.set(name, self._text(text, scope))
@@ -186,7 +188,7 @@ class _Expander:
         name = _required(element, "name").removeprefix(_PREFIX)
         if name == "call" or "." in name:
             raise ModelError(f"a macro cannot have the name '{name}'")
-        scope.macros[name] = Macro(element, tuple(definitions.parameters_of(element.get("params", ""))))
+        scope.macros[name] = element
 
     def _call(self, element: Element, target: Element, scope: Scope) -> None:
         name = element.tag.removeprefix(_PREFIX)
@@ -194,7 +196,7 @@ class _Expander:
         self._substitution.budget.spend(50)
         owner, macro = _resolve(name, scope)
         inner = owner.inner()
-        missing = {parameter.name: parameter for parameter in macro.parameters}
+        missing = {parameter.name: parameter for parameter in definitions.parameters_of(macro.get("params", ""))}
         for key, text in element.items():
             if missing.pop(key, None) is None:
                 raise ModelError(f"macro '{name}' has no parameter '{key}'{nearest(key, missing)}")
@@ -208,8 +210,7 @@ class _Expander:
         if missing:
             raise ModelError(f"macro '{name}' is called without {', '.join(missing)}")
         self._called.append(macro)
-        self._check_depth()
-        self._inside(macro.body, target, inner)
+        self._inside(macro, target, inner)
         self._called.pop()
 
     def _take_blocks(self, call: Element, missing: dict[str, Parameter], inner: Scope, scope: Scope) -> None:
@@ -247,7 +248,6 @@ class _Expander:
         # Before it is opened: files outside of the allowed folders are not even looked at.
         self._substitution.admitted(path)
         self._substitution.files.append(path)
-        self._check_depth()
         try:
             source = definitions.read_document(path)
         except ModelError:
@@ -257,14 +257,9 @@ class _Expander:
         self._inside(source, target, inner)
         self._substitution.files.pop()
 
-    def _check_depth(self) -> None:
-        deepest = 100  # nesting of macros and includes, which are expanded by recursion
-        if len(self._called) + len(self._substitution.files) > deepest:
-            raise ModelError("macros or includes are recursive or nested too deeply")
 
-
-def _resolve(name: str, scope: Scope) -> tuple[Scope, Macro]:
-    """Return a macro with its scope; a dotted name refers to a file that was included with a name."""
+def _resolve(name: str, scope: Scope) -> tuple[Scope, Element]:
+    """Return the element of a macro with its scope; a dotted name refers to a file that was included with a name."""
     if name not in scope.macros:
         *namespaces, last = name.split(".")
         owner: object = scope

@@ -30,12 +30,6 @@ class PlacedElement(Element):
     file: Path = Path()
     line: int = 0
 
-    def copied(self) -> PlacedElement:
-        """Return an empty element with this tag and place."""
-        copy = PlacedElement(self.tag)
-        copy.file, copy.line = self.file, self.line
-        return copy
-
 
 def read_document(path: Path) -> PlacedElement:
     """Return the root element of a file.
@@ -91,14 +85,6 @@ class Parameter:
     forwarded: bool = False
 
 
-@dataclass(frozen=True)
-class Macro:
-    """Macro: elements that replace a call."""
-
-    body: Element
-    parameters: tuple[Parameter, ...]
-
-
 def parameters_of(text: str) -> Iterator[Parameter]:
     """Yield the parameters of a macro.
 
@@ -135,7 +121,8 @@ class Scope(ChainMap[str, Value]):
 
     Attributes:
         blocks: elements by the name of a block, ``*name`` or ``**name``.
-        macros: macros by name, before those of its parents; a file that was included with a name has its own only.
+        macros: elements of macros by name, before those of its parents; a file that was included with a name has
+            its own only.
     """
 
     def __init__(
@@ -143,7 +130,7 @@ class Scope(ChainMap[str, Value]):
     ) -> None:
         super().__init__({}, *maps)
         self.blocks: ChainMap[str, Element] = ChainMap() if parent is None else parent.blocks.new_child()
-        self.macros: ChainMap[str, Macro] = ChainMap() if parent is None or namespace else parent.macros.new_child()
+        self.macros: ChainMap[str, Element] = ChainMap() if parent is None or namespace else parent.macros.new_child()
         self._resolve, self._parent, self._namespace = resolve, parent, namespace
         self._pending: list[_Unresolved] = [] if parent is None else parent._pending
 

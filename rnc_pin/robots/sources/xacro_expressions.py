@@ -380,12 +380,11 @@ class _Evaluation:
         function = self.value(node.func)
         if not isinstance(function, Function):
             raise ModelError(f"a value of type {type(function).__name__} cannot be called")
-        arguments, named = [self.value(each) for each in node.args], dict[str, Value]()
-        for keyword in node.keywords:
-            # ** takes names from a value that this evaluator has not seen.
-            if keyword.arg is None:
-                raise _Refusal(_MORE)
-            named[keyword.arg] = self.value(keyword.value)
+        # ** takes names from a value that this evaluator has not seen.
+        if any(keyword.arg is None for keyword in node.keywords):
+            raise _Refusal(_MORE)
+        arguments = [self.value(each) for each in node.args]
+        named = {str(keyword.arg): self.value(keyword.value) for keyword in node.keywords}
         given = (*arguments, *named.values())
         # A function as an argument, e.g. a key of sorted(), would be called without being counted.
         if any(isinstance(each, Function) for each in given):
