@@ -214,13 +214,12 @@ def _output_candidates(source: Scenario, robot: Robot, joints_first: bool) -> li
     base = base_frame(robot, [])
     if base is not None:
         told += [{"frame_speed": {"frame": base}}, {"frame_yaw": base}, {"frame_speed": {"frame": base, "axis": "y"}}]
-    actuated = [each for each in source.content.actuators if isinstance(each, str)]
-    rest = [name for name in robot.joint_names if name != "root_joint" and name not in actuated]
-    told += [{"joint": name} for name in (*actuated, *rest) if name in robot.joint_names]
+    actuated = [each for each in source.content.actuators if isinstance(each, str) and each in robot.joint_names]
+    told += [{"joint": name} for name in dict.fromkeys((*actuated, *robot.joint_names)) if name != "root_joint"]
     if joints_first:
         told.sort(key=lambda each: "joint" not in each)
-    every = [*told, *entries]
-    return [(entry, 0.0) for k, entry in enumerate(every) if entry not in every[:k]]
+    # An entry that comes twice depends on itself: it is chosen once.
+    return [(entry, 0.0) for entry in (*told, *entries)]
 
 
 def _default_frames(scenario: ScenarioFile, robot: Robot) -> tuple[str, ...]:

@@ -257,9 +257,9 @@ def output_candidates(
         robot: the robot.
         start: start values of its joints with one degree of freedom [rad or m].
     """
-    used = [entry["joint"] for entry, _ in mobility.outputs if "joint" in entry]  # such as steering, with its own step
-    # False sorts before True: joints with a motor are preferred, in the order of the file.
-    joints = sorted((name for name in start if name not in used), key=lambda name: name in mobility.passive)
+    # False sorts before True: joints with a motor are preferred, in the order of the file. One of the base, such as
+    # steering with its own step, comes twice, and the second time it depends on the first.
+    joints = sorted(start, key=lambda name: name in mobility.passive)
     return [*mobility.outputs, *(({"joint": name}, _step(robot, name, start[name])) for name in joints)]
 
 
