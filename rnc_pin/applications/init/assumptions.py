@@ -64,7 +64,7 @@ class BaseAssumptions:
     kind: str
     frame: str = ""
     start: Mapping[str, float] = field(default_factory=dict)
-    constraints: list[tuple[Entry, str]] = field(default_factory=list)
+    constraints: list[tuple[Mapping[str, Json], str]] = field(default_factory=list)
     actuators: list[tuple[Entry, str]] = field(default_factory=list)
     outputs: list[tuple[Mapping[str, Json], float]] = field(default_factory=list)
     vertical: list[Mapping[str, Json]] = field(default_factory=list)
@@ -377,7 +377,7 @@ def actuator_candidates(
     driving = [each for each in mobility.actuators if each[0] not in undriven]
     named = {entry for entry, _ in driving if isinstance(entry, str)}
     # A torque on a joint whose momentum is conserved would contradict its row.
-    conserved = {entry.get("momentum") for entry, _ in mobility.constraints if isinstance(entry, dict)}
+    conserved = {entry.get("momentum") for entry, _ in mobility.constraints}
     followers = set(mobility.mimic_drivers)
     weak = [name for name in joints if name in mobility.without_effort - conserved - followers]
     sure = [name for name in joints if name not in named | mobility.passive | conserved]

@@ -8,7 +8,7 @@ from contextlib import suppress
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.applications.init.assumptions import ChosenOutputs, Entry
+from rnc_pin.applications.init.assumptions import ChosenOutputs
 from rnc_pin.applications.init.evidence import effort_limit, joint_limits, joint_range
 from rnc_pin.applications.scenario.schema.scenario import constraint_of, output_of
 from rnc_pin.errors import RncError
@@ -21,13 +21,13 @@ from rnc_pin.robots import Robot
 _STEPS = 20  # number of steps in which a loop is followed
 
 
-def loop_closures(robot: Robot) -> list[tuple[Entry, str]]:
+def loop_closures(robot: Robot) -> list[tuple[Mapping[str, Json], str]]:
     """Return constraints for the loops of a file, with a remark on each; a loop within one body needs none.
 
     Args:
         robot: the robot.
     """
-    entries: list[tuple[Entry, str]] = []
+    entries: list[tuple[Mapping[str, Json], str]] = []
     for closure in robot.closures:
         joints = {robot.model.frames[robot.frame_id(name)].parentJoint for name in closure[:2]}
         if len(joints) > 1:
@@ -37,7 +37,9 @@ def loop_closures(robot: Robot) -> list[tuple[Entry, str]]:
     return entries
 
 
-def uncoupled_joints(constraints: Iterable[tuple[Entry, str]], robot: Robot, start: Mapping[str, float]) -> list[str]:
+def uncoupled_joints(
+    constraints: Iterable[tuple[Mapping[str, Json], str]], robot: Robot, start: Mapping[str, float]
+) -> list[str]:
     """Return the joints that no constraint couples to others; momentum conservation, which couples all, is ignored.
 
     Args:
@@ -48,12 +50,9 @@ def uncoupled_joints(constraints: Iterable[tuple[Entry, str]], robot: Robot, sta
     # At the start: a row may be zero for a joint elsewhere, but rows of wheels and loops are not zero by chance here.
     position = Kinematics(robot).position(robot.configuration(start))
     coupled = np.zeros(robot.nv, dtype=bool)
-    kept: set[object] = set()
+    kept = [entry["momentum"] for entry, _ in constraints if "momentum" in entry]
     least = 1e-9  # smallest entry of a constraint row that couples a joint
-    for entry, _ in constraints:
-        if isinstance(entry, Mapping) and "momentum" in entry:
-            kept.add(entry["momentum"])
-            continue
+    for entry in (each for each, _ in constraints if "momentum" not in each):
         coupled |= np.abs(constraint_of(entry).bind(robot).jacobian(position)).max(axis=0, initial=0.0) > least
     return [name for name in start if name not in kept and not coupled[robot.velocity_indices(name)].any()]
 

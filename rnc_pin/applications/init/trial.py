@@ -7,7 +7,7 @@ kind must have, and judge the statements of the file.
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from statistics import median
 from typing import Any
@@ -19,6 +19,7 @@ from rnc_pin.applications.scenario.execution import Result
 from rnc_pin.applications.scenario.files import one_line_yaml
 from rnc_pin.applications.scenario.plan_builder import frame_poses
 from rnc_pin.errors import few, printable
+from rnc_pin.io import Json
 from rnc_pin.model import NonholonomicSystem
 from rnc_pin.robots import Robot
 from rnc_pin.simulation import LimitReplay, Trajectory, tracking_errors
@@ -137,13 +138,6 @@ _OF_RUN = {*map(FindingKind, ("position", "velocity", "effort", "saturation", "c
 """Kinds for which ``rnc-pin run`` would fail or complain, beside the errors, which are judged by the motion here."""
 
 
-def _radii(entry: Entry) -> list[float]:
-    """Radii in the settings of a constraint, such as that of ``rolling_wheel`` [m]."""
-    settings = entry.values() if isinstance(entry, Mapping) else []
-    given = [each.get("radius") for each in settings if isinstance(each, Mapping)]
-    return [float(each) for each in given if isinstance(each, int | float)]
-
-
 def model_findings(
     system: NonholonomicSystem, mobility: BaseAssumptions, chosen: Iterable[Entry], against: Collection[str]
 ) -> list[Finding]:
@@ -162,7 +156,8 @@ def model_findings(
         rows = few(system.nearly_dependent_rows)
         message = f"its rows are nearly dependent, so that the remaining motion may not be the intended one: {rows}"
         found.append(_model(rows, system.row_margin, severity, message))
-    radii = [radius for entry, _ in mobility.constraints for radius in _radii(entry)]
+    settings = [each for entry, _ in mobility.constraints for each in entry.values() if isinstance(each, Mapping)]
+    radii = [float(radius) for each in settings if isinstance(radius := each.get("radius"), int | float)]
     # One odd wheel is no sign of wrong units.
     typical = median(radii) if radii else 1.0
     if not 0.002 < typical < 5.0:  # [m]: other radii are probably in other units
@@ -278,14 +273,14 @@ def _section(scenario: Mapping[str, object], key: str, remark: str = "") -> list
     return [*_remark(remark), f"{key}: {one_line_yaml(scenario[key])}"]
 
 
-def _of_rows(constraints: list[tuple[Entry, str]]) -> str:
+def _of_rows(constraints: Sequence[tuple[Mapping[str, Json], str]]) -> str:
     """Remark on the constraints."""
-    wheels = [entry.get("rolling_wheel") for entry, _ in constraints if isinstance(entry, Mapping)]
+    wheels = [entry.get("rolling_wheel") for entry, _ in constraints]
     shares = any(isinstance(wheel, Mapping) and wheel.get("lateral") is False for wheel in wheels)
     return "# A(q) v = 0" + ("; wheels of one axle line share a lateral row" if shares else "")
 
 
-def _entries(key: str, entries: list[tuple[Entry, str]], remark: str, indent: str = "") -> list[str]:
+def _entries(key: str, entries: Sequence[tuple[Entry, str]], remark: str, indent: str = "") -> list[str]:
     if not entries:
         return [f"{indent}{key}: []"]
     head = f"{indent}{key}:" + (f"  {remark}" if remark else "")
