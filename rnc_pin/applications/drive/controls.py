@@ -17,8 +17,6 @@ from rnc_pin.model import ConfigurationEvaluation, ReducedModel
 from rnc_pin.outputs import FrameSpeed, FrameYaw
 from rnc_pin.robots import NO_LIMIT, Robot
 
-_ROOT = "root_joint"
-_PLANE = 3  # directions of a twist in the plane
 _RANK = 1e-6  # smallest singular value, of rows of unit length, at which motions are independent
 _STEERED = 0.1  # [rad] by which a joint turns in the test of whether it steers
 ARRIVED = 0.02
@@ -70,9 +68,9 @@ class DrivenBase:
 
 def base_frame(robot: Robot, preferred: Sequence[str]) -> str | None:
     """Return the frame of the base: the first preferred frame on the root joint, or the root link; None without one."""
-    if _ROOT not in robot.joint_names:
+    if "root_joint" not in robot.joint_names:
         return None
-    root, frames = robot.joint_id(_ROOT), robot.model.frames
+    root, frames = robot.joint_id("root_joint"), robot.model.frames
     own = [name for name in preferred if frames[robot.frame_id(name)].parentJoint == root]
     return next(iter([*own, *robot.links_of(root)]), None)
 
@@ -129,7 +127,8 @@ def find_pivots(reduced: ReducedModel, q0: np.ndarray, frame: str) -> tuple[tupl
     except RncError:  # such as a base that a force drives
         return (), False
     base = controller.base
-    slides, ranges = bool(base.slides) and base.at(q0).free.shape[1] == _PLANE, (base.upper - base.lower)[base.pivots]
+    # In the plane, a twist has three directions.
+    slides, ranges = bool(base.slides) and base.at(q0).free.shape[1] == 3, (base.upper - base.lower)[base.pivots]
     by_hand = not slides and len(ranges) < 2 and ranges.min(initial=np.inf) < np.pi
     return ((), False) if by_hand else (controller.steering, slides)
 

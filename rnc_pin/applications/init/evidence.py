@@ -173,8 +173,8 @@ class DriveEvidence:
     is_list: bool
     efforts: Mapping[str, float]
     is_complete: bool = False
-    driven: frozenset[str] = frozenset()
-    passive: frozenset[str] = frozenset()
+    driven: Collection[str] = ()
+    passive: Collection[str] = ()
 
     def says(self, joint: str) -> bool | None:
         """Return whether options and lists call a joint driven, or None if both are silent.

@@ -104,7 +104,7 @@ def balancing_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptio
         "type": "state_feedback",
         "coordinates": [*(wheel.joint for wheel in wheels), leaning],
         "state_cost": cost,
-        "input_cost": _input_cost(layout, at_start),
+        "input_cost": significant(_holding_torque(layout, at_start) ** -2),
     }
     # The run starts with a small tilt: an upright start at rest would show nothing of the balance.
     result.lean = wheels[0].axle
@@ -177,7 +177,7 @@ def bicycle_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions
         "coordinates": [leaning, steering],
         "rates": [speed, tilt, steering],
         "state_cost": cost,
-        "input_cost": _input_cost(layout, at_start),
+        "input_cost": significant(_holding_torque(layout, at_start) ** -2),
         "v2": {speed: rolling},
         # Wheels of a file are symmetric about their axles only to a few digits; their angles are cyclic all the same.
         "cyclic": [rear.joint, front.joint],
@@ -234,11 +234,6 @@ def _support(layout: WheelLayout, at_start: RobotAtStart) -> str:
         if low and frame.parentJoint not in own and frame.name != "universe" and has_word(support, frame.name):
             return str(frame.name)
     return ""
-
-
-def _input_cost(layout: WheelLayout, at_start: RobotAtStart) -> float:
-    """Inverse square of the torque that holds the body at a tilt of 0.1 rad [1/(N m)^2]."""
-    return significant(_holding_torque(layout, at_start) ** -2)
 
 
 def _holding_torque(layout: WheelLayout, at_start: RobotAtStart) -> float:

@@ -195,8 +195,7 @@ class Source:
             named, is_list = {name: "an actuator" for name in single if efforts[name] > 0}, any(efforts.values())
         else:
             named, is_list = named_as_driven(self._urdf)
-        driven, passive = frozenset(options.driven), frozenset(options.passive)
-        return DriveEvidence(named, is_list, efforts, self.is_mjcf, driven, passive)
+        return DriveEvidence(named, is_list, efforts, self.is_mjcf, options.driven, options.passive)
 
     @cached_property
     def _urdf(self) -> ElementTree.Element | None:
@@ -268,10 +267,9 @@ class Source:
 
     def mass_of_base(self) -> float:
         """Return the mass of the first link [kg]; 0 for a ground or world link."""
-        try:
+        with suppress(ModelError):
             return float(self.load_unchanged("free").model.inertias[1].mass)
-        except ModelError:
-            return 0.0
+        return 0.0
 
     def _repair_inertias(self, joints: Sequence[Massless]) -> bool:
         """Give links a mass, or lock joints without any child mass or shape; return True if something changed."""
