@@ -24,7 +24,6 @@ from rnc_pin.robots import Robot
 
 Entry = str | Mapping[str, Json]
 
-UNMEASURED = "MEASURE the radius: no round shape of the wheel was read"
 DRIVEN, TURNED, BENT = 0.5, 0.4, 0.2  # displacements of the reference: base, heading, joint [m, rad, rad]
 DURATION = 5  # duration of the reference [s]
 
@@ -226,7 +225,7 @@ def measured(wheel: Wheel) -> str:
     """
     guesses = {"height": "is the axle's height", "inertia": "fits its inertia as a solid disk"}
     if wheel.measured in guesses:
-        return f"{UNMEASURED}, the value {guesses[wheel.measured]}"
+        return f"MEASURE the radius: no round shape of the wheel was read, the value {guesses[wheel.measured]}"
     return f"radius from the {wheel.measured} geometry"
 
 

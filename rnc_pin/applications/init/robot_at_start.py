@@ -281,7 +281,7 @@ class RobotAtStart:
             with suppress(ModelError):  # geometry that cannot be read at all
                 links = [self.robot.frame_id(each) for each in self.robot.missing_meshes(kind)]
                 joints = {int(self.robot.model.frames[link].parentJoint) for link in links}
-                found[kind] = {each for each in joints if each > self.root}
+                found[kind] = joints.difference(range(self.root + 1))
         return found
 
     @property

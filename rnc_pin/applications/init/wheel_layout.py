@@ -35,14 +35,10 @@ class WheelGroup:
         return bool(widest < 2.5 * self.wheels[0].radius) and len(self.wheels) <= 2
 
     @property
-    def center(self) -> np.ndarray:
-        """Midpoint of the wheels in the world frame (3,) [m]."""
-        return np.asarray(np.mean([each.center for each in self.wheels], axis=0))
-
-    @property
     def trail(self) -> float:
-        """Distance from the pivot's axis to the wheels along their heading [m]."""
-        return abs(float(self.wheels[0].heading @ self.pivot.offset(self.center)))
+        """Distance from the pivot's axis to the midpoint of the wheels along their heading [m]."""
+        middle = np.mean([each.center for each in self.wheels], axis=0)
+        return abs(float(self.wheels[0].heading @ self.pivot.offset(middle)))
 
     @property
     def follows(self) -> bool:
