@@ -111,19 +111,13 @@ def goal_distances(controls: DriveControls, goals: DriveGoals, points: Mapping[s
         goals: present goals.
         points: positions of the frames and of the base (3,) [m].
     """
-    wanted: list[tuple[str, tuple[float, ...], tuple[bool, ...]]] = [
-        (name, goal.position, controls.frames[name]) for name, goal in goals.frames.items()
-    ]
+    # Along the axes that the frame has: a planar arm cannot reach the height of a click.
+    away = {name: (points[name] - goal.position)[list(controls.frames[name])] for name, goal in goals.frames.items()}
     if controls.base is not None and goals.base_goal is not None:
-        wanted.append((controls.base.frame, goals.base_goal, (True, True)))
-    found = {}
+        away[controls.base.frame] = points[controls.base.frame][:2] - goals.base_goal
     near = 0.01  # distance from a goal that counts as reached [m]
-    for name, goal, axes in wanted:
-        # Along the axes that the frame has: a planar arm cannot reach the height of a click.
-        distance = float(np.linalg.norm((points[name][: len(goal)] - goal)[list(axes)]))
-        if distance > near:
-            found[name] = distance
-    return found
+    distances = {name: float(np.linalg.norm(each)) for name, each in away.items()}
+    return {name: distance for name, distance in distances.items() if distance > near}
 
 
 def _soft(name: str) -> bool:
