@@ -7,12 +7,12 @@ and the compared runs, and returns panels.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import groupby
 from types import MappingProxyType
-from typing import NamedTuple, TypeAlias, TypeVar
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -24,8 +24,6 @@ from rnc_pin.figures.panel_figure import MIN_HALF_SIZE, GroundPath, GroundPaths,
 from rnc_pin.figures.style import LegendEntry
 from rnc_pin.simulation.run_data import PLOTTED_QUANTITIES, TOP_VIEW, RunData, columns_of_array, tracking_errors
 
-_Value = TypeVar("_Value")
-_Key = TypeVar("_Key")
 _ALL = slice(None)
 _SAME_PATH = 1e-3  # largest distance between two paths that count as one, over the extent
 
@@ -63,21 +61,19 @@ def ground_paths(run: RunData) -> list[GroundPath]:
 
 
 def _frames(run: RunData, bodies: Sequence[GroundPath]) -> list[GroundPath]:
-    columns: dict[str, tuple[str, int]] = {}
+    columns: dict[str, tuple[np.ndarray, np.ndarray]] = {}  # values and goals of outputs that are places
     for kind in ("x1", "x2"):
-        of = run.info.outputs.of(kind)
-        # Integrals along a body's own axes are no place.
-        columns |= {name: (kind, k) for k, name in enumerate(of.names) if of.units[k] == "m" and not of.is_integral(k)}
+        of, values, goals = run.info.outputs.of(kind), run.arrays[kind], run.arrays[f"{kind}_desired"]
+        for k, name in enumerate(of.names):
+            # Integrals along a body's own axes are no place.
+            if of.units[k] == "m" and not of.is_integral(k):
+                columns[name] = values[:, k], goals[:, k]
     found = []
-    for name, (kind, column) in columns.items():
+    for name, x in columns.items():
         frame = name.removesuffix("_x")
         if frame == name or f"{frame}_y" not in columns or (not bodies and f"{frame}_z" in columns):
             continue
-        pair = [(kind, column), columns[f"{frame}_y"]]
-        points, desired = (
-            np.column_stack([getattr(run, kind + ending)[:, column] for kind, column in pair])
-            for ending in ("", "_desired")
-        )
+        points, desired = (np.column_stack(pair) for pair in zip(x, columns[f"{frame}_y"], strict=True))
         has_goal = f"{frame}_x" in run.info.goals and f"{frame}_y" in run.info.goals
         found.append(GroundPath(frame, points, None, desired if has_goal else None))
     return found
@@ -252,7 +248,8 @@ def _panels(run: RunData, others: Others, lines: Sequence[_Line], all_lines: boo
         all_lines: True shows all; by default those that move most.
     """
     room, found = _lines_per_panel(others), list[Panel]()
-    for axis, group in _grouped_by(lines, lambda line: line.axis):
+    for axis in dict.fromkeys(line.axis for line in lines):
+        group = [line for line in lines if line.axis == axis]
         count, note, shown = max(_ALWAYS_SHOWN, _MAX_PANELS * room), "", group
         if len(group) > count and not all_lines:
             # Those that move most tell most; a constant one would only fill the legend.
@@ -271,13 +268,6 @@ def _panels(run: RunData, others: Others, lines: Sequence[_Line], all_lines: boo
 def _lines_per_panel(others: Others) -> int:
     """Largest number of lines of the run in a panel, given the lines of the compared runs."""
     return max(1, MAX_LINES // (1 + len(others)))
-
-
-def _grouped_by(values: Iterable[_Value], key: Callable[[_Value], _Key]) -> list[tuple[_Key, list[_Value]]]:
-    groups: dict[_Key, list[_Value]] = {}
-    for value in values:
-        groups.setdefault(key(value), []).append(value)
-    return list(groups.items())
 
 
 def _output_lines(run: RunData) -> dict[str, _Line]:
@@ -313,7 +303,8 @@ def _errors(run: RunData, others: Others) -> list[Panel]:
     errors, lines = tracking_errors(run), _output_lines(run)
     compared = {label: tracking_errors(other) for label, other in others.items()}
     found, room = [], _lines_per_panel(others)
-    for unit, names in _grouped_by(errors, lambda name: lines[name].axis.unit):
+    for unit in dict.fromkeys(lines[name].axis.unit for name in errors):
+        names = [name for name in errors if lines[name].axis.unit == unit]
         # By the largest value and not the last: a peak in the middle matters too.
         largest = sorted(names, key=lambda name: -float(np.nanmax(np.abs(errors[name]), initial=0.0)))[:room]
         series = []
