@@ -401,12 +401,6 @@ class RollingBody:
     pivoting: bool = True
     ground: GroundPlane | CurvedGround | None = None
 
-    @property
-    def placement(self) -> pin.SE3:
-        """Placement of the shape on the frame."""
-        center = triple(self.at, f"centre of rolling body '{self.frame}'")
-        return pin.SE3(pin.rpy.rpyToMatrix(triple(self.rpy, f"rpy of rolling body '{self.frame}'")), center)
-
     def bind(self, robot: Robot) -> Rows:
         # Protocols are not checked at run time: a missing method would fail at the first evaluation, far from its
         # cause.
@@ -417,7 +411,9 @@ class RollingBody:
                 f"with the methods point, point_rate and regularity, found {self.shape!r}"
             )
         ground = admit_ground(self.ground or GroundPlane(), f"rolling body '{self.frame}'")
-        rows = SurfaceContactRows(self.frame, self.shape, self.placement, self.pivoting, ground, robot)
+        center = triple(self.at, f"centre of rolling body '{self.frame}'")
+        turned = pin.rpy.rpyToMatrix(triple(self.rpy, f"rpy of rolling body '{self.frame}'"))
+        rows = SurfaceContactRows(self.frame, self.shape, pin.SE3(turned, center), self.pivoting, ground, robot)
         return on_carrier(rows, self.frame, self.ground, robot)
 
 
