@@ -172,22 +172,28 @@ def check_finite(name: str, array: np.ndarray) -> None:
         raise InputError(f"{name} holds values that are not finite{where}: {values}")
 
 
-def broadcast_states(q: np.ndarray, beside: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Broadcast configurations and velocities to the same leading axes.
+def admit_states(
+    q: np.ndarray, v: ArrayInput, size: int, name: str, entries: Sequence[str] = ()
+) -> tuple[np.ndarray, np.ndarray]:
+    """Configurations, and a copy of velocities as ``vector`` admits them, with the same leading axes.
 
     Args:
-        q: configurations (..., nq).
-        beside: velocities (..., size).
+        q: admitted configurations (..., nq).
+        v: velocities (..., size).
+        size: length of their last axis.
         name: the velocities in messages.
+        entries: names of their entries.
     """
-    if q.shape[:-1] == beside.shape[:-1]:
-        return q, beside
+    # A copy: later changes of the caller's array must not change the evaluation.
+    v = vector(v, size, name, entries).copy()
+    if q.shape[:-1] == v.shape[:-1]:
+        return q, v
     try:
-        batch = np.broadcast_shapes(beside.shape[:-1], q.shape[:-1])
+        batch = np.broadcast_shapes(v.shape[:-1], q.shape[:-1])
     except ValueError:
-        raise InputError(f"q of shape {q.shape} and {name} of shape {beside.shape} do not broadcast") from None
+        raise InputError(f"q of shape {q.shape} and {name} of shape {v.shape} do not broadcast") from None
     # The kernel walks through memory, which broadcast arrays do not have.
-    wide = (np.ascontiguousarray(np.broadcast_to(each, (*batch, each.shape[-1]))) for each in (q, beside))
+    wide = (np.ascontiguousarray(np.broadcast_to(each, (*batch, each.shape[-1]))) for each in (q, v))
     return next(wide), next(wide)
 
 

@@ -22,15 +22,7 @@ from rnc_pin.model.evaluation_results import LagrangianTerms, ReducedRegressor, 
 from rnc_pin.model.evaluator import Evaluator, evaluator_for
 from rnc_pin.model.generalized_forces import Actuation, PassiveForces
 from rnc_pin.model.independence import DroppedRow
-from rnc_pin.model.input_validation import (
-    ArrayInput,
-    admit_configurations,
-    admit_numbers,
-    admit_times,
-    broadcast_states,
-    numbers_of,
-    vector,
-)
+from rnc_pin.model.input_validation import ArrayInput, admit_configurations, admit_numbers, admit_states, admit_times
 from rnc_pin.model.rows import OutputStack, RowStack
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin, counted, items
@@ -134,13 +126,11 @@ class ReducedModel(SummaryMixin):
         if v2 is not None:
             if v is not None:
                 raise InputError("at() takes v2 or v, not both")
-            # A copy: later changes of the caller's array must not change the evaluation.
-            v2 = vector(v2, data.r, "v2", data.reducing.names).copy()
-            q, v2 = broadcast_states(q, v2, "v2")
+            q, v2 = admit_states(q, v2, data.r, "v2", data.reducing.names)
             return StateEvaluation.at(self.evaluator, q, v2, t=t)
         if v is not None:
-            q, v = broadcast_states(q, vector(v, data.n, "v"), "v")
-            return StateEvaluation.at(self.evaluator, q, v=v.copy(), t=t)
+            q, v = admit_states(q, v, data.n, "v")
+            return StateEvaluation.at(self.evaluator, q, v=v, t=t)
         return ConfigurationEvaluation(self.evaluator, q, t=t)
 
     def frozen(self, t: float) -> ReducedModel:
@@ -154,7 +144,7 @@ class ReducedModel(SummaryMixin):
         """
         if not self.rheonomic:
             return self
-        t = float(numbers_of(t, "t"))
+        t = float(admit_times(t, ()))
         return ReducedModel(evaluator_for(self.reduction_data.frozen(t)), self.assembly.frozen(t), self.dropped_rows)
 
     def with_basis_at(self, q: ArrayInput) -> ReducedModel:
