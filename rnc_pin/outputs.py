@@ -11,11 +11,10 @@ import pinocchio as pin
 
 from rnc_pin._kernel.kernel_rows import Form, KernelRow, Value, attached
 from rnc_pin.errors import ConfigurationError, ConstraintError, check_known
-from rnc_pin.math.linear_algebra import Entry, apply, components, dot
-from rnc_pin.model.frame_rows import DirectionRows, FrameVelocityRows, WrenchRows, axis_index, evaluated, rate_of
+from rnc_pin.math.linear_algebra import Entry, apply, complex_step, components, dot
+from rnc_pin.model.frame_rows import DirectionRows, FrameVelocityRows, axis_index, evaluated, rate_of
 from rnc_pin.model.input_validation import Axes, Axis
-from rnc_pin.model.kinematics import OWN_AXES, WORLD_AXES, Placement, PositionKinematics, VelocityKinematics
-from rnc_pin.model.relative_rows import RelativeRows
+from rnc_pin.model.kinematics import OWN_AXES, WORLD_AXES, PositionKinematics, VelocityKinematics
 from rnc_pin.model.rows import ConstantRows, OutputKind, OutputRows, check_defined
 from rnc_pin.model.user_functions import UserFunction, admitted_rate, check_rate
 from rnc_pin.robots.model_checks import joints_with_moving_axes
@@ -370,50 +369,71 @@ class Distance:
         return _DistanceRow(self, robot)
 
 
-def distance_wrench(vector: Sequence[Entry]) -> list[list[Entry]]:
-    """Wrench (1, 6) at the end of a vector whose power is the rate of its length: the unit vector as a force.
+def distance_force(vector: Sequence[Entry]) -> list[list[Entry]]:
+    """Force (1, 3) at the end of a vector whose power is the rate of its length: the unit vector.
 
     Args:
         vector: three components of the vector, not all zero.
     """
     length = dot(vector, vector) ** 0.5
-    return [[*(each / length for each in vector), 0.0, 0.0, 0.0]]
+    return [[each / length for each in vector]]
 
 
-class _OriginDistanceRow(WrenchRows):
-    """Row of the distance of a frame from the origin."""
-
-    units = ("m/s",)
-
-    def __init__(self, name: str, frame: int) -> None:
-        self.names, self.frame = (name,), frame
-
-    def check_defined(self, at: PositionKinematics) -> None:
-        length = np.linalg.norm(at.placement(self.frame).translation, axis=-1)
-        # A unit vector from one origin to the other has no direction there.
-        check_defined("a distance has no rate where it is zero", at.q, length, TOGETHER, self.names)
-
-    def wrench(self, place: Placement) -> np.ndarray:
-        return evaluated(distance_wrench, [components(place.translation)])
-
-    def wrench_rate(self, place: Placement, velocity: np.ndarray) -> np.ndarray:
-        return rate_of(distance_wrench, [components(place.translation)], [components(velocity[..., :3])])
-
-
-class _DistanceRow(RelativeRows, OutputRows):
-    """Distance of frame b from the origin, as frame a sees it."""
-
-    angular = (False,)
-
+class _DistanceRow(OutputRows):
     def __init__(self, kind: Distance, robot: Robot) -> None:
+        self.names = (f"distance_{kind.frame_a}_{kind.frame_b}",)
+        self.units = ("m/s",)
+        self.angular = (False,)
         self._a, self._b = robot.frame_id(kind.frame_a), robot.frame_id(kind.frame_b)
-        super().__init__(_OriginDistanceRow(f"distance_{kind.frame_a}_{kind.frame_b}", self._b), self._a)
+
+    def _vector(self, at: PositionKinematics) -> np.ndarray:
+        return at.placement(self._b).translation - at.placement(self._a).translation
 
     def value(self, at: PositionKinematics) -> np.ndarray:
-        return np.linalg.norm(self._seen(at).placement(self._b).translation, axis=-1, keepdims=True)
+        return np.linalg.norm(self._vector(at), axis=-1, keepdims=True)
+
+    def _force(self, at: PositionKinematics) -> np.ndarray:
+        vector = components(self._vector(at))
+        length = dot(vector, vector) ** 0.5
+        # A unit vector from one origin to the other has no direction there.
+        check_defined("a distance has no rate where it is zero", at.q, length, TOGETHER, self.names)
+        return evaluated(distance_force, [vector])
+
+    def _relative(self, both: Callable[[int], np.ndarray]) -> np.ndarray:
+        """Linear velocity or acceleration (..., 3) of frame b relative to frame a."""
+        return both(self._b)[..., :3] - both(self._a)[..., :3]
+
+    def jacobian(self, at: PositionKinematics) -> np.ndarray:
+        return self._force(at) @ (at.jacobian(self._b) - at.jacobian(self._a))[..., :3, :]
+
+    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
+        rate = rate_of(distance_force, [components(self._vector(at))], [components(self._relative(at.velocity))])
+        J, J_dot = ((each(self._b) - each(self._a))[..., :3, :] for each in (at.jacobian, at.jacobian_dot))
+        return np.asarray(self._force(at) @ J_dot + rate @ J)
+
+    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
+        self._force(at)  # raises an error if the distance is zero
+        return _bias(self._vector(at), self._relative(at.velocity), self._relative(at.acceleration))
+
+    def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
+        by_velocity, by_acceleration = (at.frame_gradients(self._b) - at.frame_gradients(self._a))[:, :3]
+        # Both motions have exact derivatives by Pinocchio; the formula that joins them is analytic.
+        return complex_step(
+            _bias,
+            (self._vector(at), (at.jacobian(self._b) - at.jacobian(self._a))[:3]),
+            (self._relative(at.velocity), by_velocity),
+            (self._relative(at.acceleration), by_acceleration),
+        )
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
         return [KernelRow(Form.DISTANCE, (attached(model, self._a), attached(model, self._b)), value=(Value.LENGTH, 0))]
+
+
+def _bias(vector: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+    """Second derivative (..., 1) of the length of a vector."""
+    parts = [components(vector)], [components(velocity)]
+    force, rate = evaluated(distance_force, parts[0]), rate_of(distance_force, *parts)
+    return np.asarray(apply(force, acceleration) + apply(rate, velocity))
 
 
 @dataclass(frozen=True)

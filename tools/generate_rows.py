@@ -24,7 +24,7 @@ from rnc_pin.constraints.surfaces import support_point
 from rnc_pin.constraints.wheels_and_blades import wheel_level, wheel_wrenches
 from rnc_pin.math.linear_algebra import apply, apply_transposed, cross, dot
 from rnc_pin.model.frame_rows import FLAT
-from rnc_pin.outputs import TOGETHER, distance_wrench, level, tilt_wrench, yaw_wrench
+from rnc_pin.outputs import TOGETHER, distance_force, level, tilt_wrench, yaw_wrench
 from tools.formulas import Symbol, c_statements, forget, gradient, inputs, rate, symbol, total
 
 PATH = Path(__file__).parent.parent / "rnc_pin" / "_kernel" / "rows_generated.h"
@@ -84,7 +84,9 @@ KINDS = {
     Form.TILT: Kind(1, 0, lambda d, p: tilt_wrench(d[0]), lambda d, p: level(d[0])),
     Form.ROLLING: Kind(3, 11, _rolling, _rolling_length),
     Form.CURVED: Kind(2, 9, lambda d, p: curved_wrench(*d, p[0], p[1:4], p[4], p[5:]), _curved_length),
-    Form.DISTANCE: Kind(1, 0, lambda d, p: distance_wrench(d[0])[0], lambda d, p: dot(d[0], d[0]) ** 0.5, TOGETHER),
+    Form.DISTANCE: Kind(
+        1, 0, lambda d, p: [*distance_force(d[0])[0], 0, 0, 0], lambda d, p: dot(d[0], d[0]) ** 0.5, TOGETHER
+    ),
 }
 
 
