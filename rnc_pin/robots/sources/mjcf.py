@@ -46,7 +46,7 @@ def read_mjcf(
     root = read_with_includes(path, allowed)
     name = root.get("model") or path.stem
     # Before the document is reduced, because that drops what is not read.
-    ignored, driven = unread(root), driven_joints(root)
+    ignored, driven = unread(root), joints_of_actuators(root)
     with ModelError.at(path):
         reduce_document(root)
         # MuJoCo reads degrees by default, for which 90 is exact.
@@ -96,7 +96,7 @@ def unread(root: ElementTree.Element) -> set[str]:
     return {f"<equality><{tag}>" for tag in active if tag not in read} | tendons
 
 
-def driven_joints(root: ElementTree.Element) -> set[str]:
+def joints_of_actuators(root: ElementTree.Element) -> set[str]:
     """Names of the joints that actuators of a file drive; none if one acts along a spatial tendon.
 
     Args:
