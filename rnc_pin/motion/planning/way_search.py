@@ -38,9 +38,8 @@ class WaySpace:
 
     Args:
         steering: exact steering; its radius gives the metric of a car.
-        configurations: configurations (n, nq) that the space contains: start and goals.
-        area: smallest and largest coordinates (2, 3) of the base [m].
-        held: names of joints that stay within the range of ``configurations``.
+        task: start and goals, which the space contains, and the area of the base.
+        held: names of joints that stay within the range of start and goals.
 
     Attributes:
         space: OMPL's compound space; its states have numbers after its ``setup``.
@@ -49,17 +48,11 @@ class WaySpace:
         ConfigurationError: the space does not support a joint.
     """
 
-    def __init__(
-        self,
-        steering: Steering,
-        configurations: Float[Array, "n nq"],
-        area: Float[Array, "2 3"],
-        held: Sequence[str] = (),
-    ) -> None:
+    def __init__(self, steering: Steering, task: WayTask, held: Sequence[str] = ()) -> None:
         from ompl import base as ob
 
-        self._ob, self._model = ob, steering.reduced.robot.model
-        self._q0, self._coupled = np.array(configurations[0]), steering.couplings.applied
+        self._ob, self._model, self._task = ob, steering.reduced.robot.model, task
+        self._coupled = steering.couplings.applied
         self.space = ob.CompoundStateSpace()
         self._parts: list[tuple[int, int, bool]] = []
         """First entry of each joint in q, their number, and True if the last two are cosine and sine of an angle."""
@@ -72,11 +65,11 @@ class WaySpace:
             if kind == "JointModelPlanar":
                 # RRT's neighbours of a car are those that it reaches by short paths, not those beside it.
                 plane = ob.ReedsSheppStateSpace(steering.radius) if steering.radius else ob.SE2StateSpace()
-                self._bound(plane, area[:, :2])
+                self._bound(plane, task.area[:, :2])
                 self._add(plane, 1.0, (entry, 4, True))
             elif kind == "JointModelFreeFlyer":
                 body = ob.SE3StateSpace()
-                self._bound(body, area)
+                self._bound(body, task.area)
                 self._add(body, 1.0, (entry, 7, False))
             elif kind == "JointModelSpherical":
                 self._add(ob.SO3StateSpace(), _REACH, (entry, 4, False))
@@ -85,7 +78,7 @@ class WaySpace:
                 self._add(ob.SO2StateSpace(), _REACH, (entry, 2, True))
             elif joint.nq == joint.nv:
                 tight = self._model.names[index] in held
-                reals += [(entry + k, *self._range(entry + k, configurations, kind, tight)) for k in range(joint.nq)]
+                reals += [(entry + k, *self._range(entry + k, kind, tight)) for k in range(joint.nq)]
             else:
                 raise ConfigurationError(
                     f"ways: joint '{self._model.names[index]}' is a {kind}, which ways do not support"
@@ -106,9 +99,9 @@ class WaySpace:
             bounds.setHigh(k, high)
         space.setBounds(bounds)
 
-    def _range(self, entry: int, configurations: Array, kind: str, tight: bool) -> tuple[float, float]:
-        """Range of a joint in the space: its limits, which the configurations are within."""
-        own = configurations[:, entry]
+    def _range(self, entry: int, kind: str, tight: bool) -> tuple[float, float]:
+        """Range of a joint in the space: its limits, which start and goals are within."""
+        own = self._task.places[:, entry]
         first, last = float(own.min()), float(own.max())
         if tight:  # OMPL refuses a range of length zero
             return first - 1e-9, last + 1e-9
@@ -133,7 +126,7 @@ class WaySpace:
 
     def read(self, state: ob.State) -> Float[Array, " nq"]:
         """Configuration of a state; joints that follow are as at the start."""
-        q, value, k = self._q0.copy(), self.space.getValueAddressAtIndex, 0
+        q, value, k = self._task.start.copy(), self.space.getValueAddressAtIndex, 0
         for entry, size, turns in self._parts:
             own = [value(state, k + place) for place in range(size - turns)]  # numbers, in spite of the name
             q[entry : entry + size] = [*own[:-1], np.cos(own[-1]), np.sin(own[-1])] if turns else own
@@ -286,7 +279,7 @@ class WaySearch:
         ou.setLogLevel(ou.LogLevel.LOG_NONE)
         ou.RNG.setSeed(seed + 1)  # zero is none
         try:
-            space = WaySpace(self._steering, task.places, task.area, held)
+            space = WaySpace(self._steering, task, held)
             information = ob.SpaceInformation(space.space)
             # Motions and not seconds end an attempt: the same seed then gives the same way on any computer.
             last = budget.motions + most

@@ -321,12 +321,13 @@ def test_states_of_the_search_are_configurations(base):
     model.lowerPositionLimit[-1], model.upperPositionLimit[-1] = -0.3, 0.4
     reduced = rnc.NonholonomicSystem(rnc.Robot(model), []).reduce()
     both = np.array([reduced.robot.random_configuration(np.random.default_rng(k)) for k in (0, 1)])
-    ways = WaySpace(rnc.planning.find_steering(reduced, both[0]), both, np.array([[-9.0] * 3, [9.0] * 3]))
+    steering, area = rnc.planning.find_steering(reduced, both[0]), np.array([[-9.0] * 3, [9.0] * 3])
+    ways = WaySpace(steering, WayTask(reduced, steering.planned, None, both, area, SearchBudget(9.0)))
     ways.space.setup()
     state = ways.space.allocState()
     ways.write(state, both[1])
     np.testing.assert_allclose(pin.difference(model, ways.read(state), both[1]), 0.0, atol=1e-12)
-    assert ways._range(model.nq - 1, both, "JointModelPY", False) == (-0.3, 0.4)
+    assert ways._range(model.nq - 1, "JointModelPY", False) == (-0.3, 0.4)
 
 
 def test_a_way_is_narrowest_where_it_passes_beside_a_post():
