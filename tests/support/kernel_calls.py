@@ -162,7 +162,8 @@ def programs_in_stages():
         H = np.tile(np.eye(nx + nu), (N, 1, 1))
         lower = np.where(np.isinf(upper), -np.inf, np.where(upper < 1, -0.3, end))
         lower[-1, 0] = end
-        problem = LinearQuadratic(AB, np.zeros((N, nx)), H, g, np.eye(nx), g_end, G, lower, upper)
+        rows = G, lower, upper, np.zeros((N, nu, nx))
+        problem = LinearQuadratic(AB, np.zeros((N, nx)), H, g, np.eye(nx), g_end, *rows)
         direction = InteriorPointSolver().solve(problem, 1e-8, 1e3)
         assert direction.iterations > 0
         found += [direction.x, direction.u, direction.costate, np.array([float(direction.iterations)])]
@@ -175,7 +176,8 @@ def sizes_of_rows():
     AB, G = generator.normal(size=(N, nx, nx + nu)), generator.normal(size=(N + 1, k, nx + nu))
     G[:, 0, :nx], G[:, 1, nx:], G[-1, :, nx:] = 0.0, 0.0, 0.0
     H, end, limit = np.tile(np.diag([1.0] * 5 + [0.3, 2.0, 0.0]), (N, 1, 1)), np.eye(nx), np.ones((N + 1, k))
-    linear = LinearQuadratic(0.4 * AB, AB[:, :, 0], H, H[:, 0], end, end[0], G, -limit, limit)
+    rows = G, -limit, limit, np.zeros((N, nu, nx))
+    linear = LinearQuadratic(0.4 * AB, AB[:, :, 0], H, H[:, 0], end, end[0], *rows)
     return [linear.typical_sizes]
 
 

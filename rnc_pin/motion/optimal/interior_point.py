@@ -35,8 +35,8 @@ class LinearQuadratic:
     lower: Float[Array, "N1 k"]
     upper: Float[Array, "N1 k"]
     """Rows ``lower <= G z <= upper`` of every stage and of the end, where no row has inputs."""
-    holding: Float[Array, "N nu nx"] | None = None
-    """Inputs by which deviations of the state change no velocity; none by default."""
+    holding: Float[Array, "N nu nx"]
+    """Inputs by which deviations of the state change no velocity; zero where none are needed."""
 
     @cached_property
     def input_scales(self) -> Float[Array, " nu"]:
@@ -64,15 +64,10 @@ class LinearQuadratic:
     def scaled_hessian(self, damping: float) -> Float[Array, "N nz nz"]:
         """H for scaled inputs, with an addition to their weights: of what they add to those that hold velocities."""
         nx, nz = self.AB.shape[1:]
-        H = self.H * np.outer(self.scales, self.scales)
         # Damping would pull an arm down if it counted the efforts that hold it: only what is added to them counts.
-        if self.holding is None:
-            H[:, range(nx, nz), range(nx, nz)] += damping
-        else:
-            apart = np.tile(np.eye(nz), (len(H), 1, 1))[:, nx:]
-            apart[:, :, :nx] = -self.holding / self.input_scales[:, None]
-            H += damping * (apart.mT @ apart)
-        return np.asarray(H)
+        apart = np.tile(np.eye(nz), (len(self.H), 1, 1))[:, nx:]
+        apart[:, :, :nx] = -self.holding / self.input_scales[:, None]
+        return np.asarray(self.H * np.outer(self.scales, self.scales) + damping * (apart.mT @ apart))
 
     @cached_property
     def typical_sizes(self) -> Float[Array, "N1 k"]:
@@ -88,8 +83,7 @@ class LinearQuadratic:
         """Squares of the typical sizes."""
         AB, (N, nx, nz), k = self.scaled_dynamics, self.AB.shape, self.G.shape[1]
         # Inputs that hold velocities act at every stage, and the noise comes on top of them.
-        if self.holding is not None:
-            AB = np.concatenate([AB[:, :, :nx] + self.AB[:, :, nx:] @ self.holding, AB[:, :, nx:]], axis=2)
+        AB = np.concatenate([AB[:, :, :nx] + self.AB[:, :, nx:] @ self.holding, AB[:, :, nx:]], axis=2)
         # The covariance goes forward: P' = A P A^T + B B^T in units of the scales, and C P C^T is the variance of rows.
         rows, C, D = np.empty((N + 1, k)), *map(np.ascontiguousarray, np.split(self.G, [nx], axis=2))
         if _kernel.library.variances(N, nx, nz, k, AB, C, D, self.input_scales, rows):

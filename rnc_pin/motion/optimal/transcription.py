@@ -214,7 +214,7 @@ class Transcription:
         cost, H, g, H_end, g_end = self._costs(nodes, end, at.duration)
         rows, G = self._rows(nodes, end, True)
         limits = (self.lower - rows, self.upper - rows)
-        holding, rates = None, slice(self.model.nv, None)
+        holding, rates = np.zeros(steps.u.mT.shape), slice(self.model.nv, None)
         if self.model.form == "dynamic":
             # Efforts that keep the velocity although the state deviates: without them, damping and typical sizes would
             # count what gravity needs, and the sizes of an unstable motion would grow from stage to stage.
@@ -267,7 +267,7 @@ class Transcription:
         upper = np.pad(problem.upper, ((1, 0), (0, 1)), constant_values=np.inf)
         lower[0, -1], upper[0, -1] = self.duration[0] - at.duration, self.duration[1] - at.duration
         H_end = np.pad(problem.H_end, (0, 1))
-        holding = None if problem.holding is None else np.pad(problem.holding, ((1, 0), (0, 0), (0, 1)))
+        holding = np.pad(problem.holding, ((1, 0), (0, 0), (0, 1)))
         return LinearQuadratic(AB, gap, H, g, H_end, np.append(problem.g_end, 0.0), G, lower, upper, holding)
 
     # ------------------------------------------------------------------ feedback

@@ -25,7 +25,8 @@ def subproblem(limit, end=None, seed=0, N=12, nx=4, nu=2):
         G[-1, nu:] = np.eye(nx + nu)[:equations]
         lower[-1, nu:] = upper[-1, nu:] = end
     g, gap = generator.normal(size=(N, nx + nu)), 0.1 * generator.normal(size=(N, nx))
-    return LinearQuadratic(AB, gap, H, g, np.eye(nx), generator.normal(size=nx), G, lower, upper)
+    rows = G, lower, upper, np.zeros((N, nu, nx))
+    return LinearQuadratic(AB, gap, H, g, np.eye(nx), generator.normal(size=nx), *rows)
 
 
 def dense_solution(p):
