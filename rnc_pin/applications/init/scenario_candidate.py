@@ -216,11 +216,9 @@ class ScenarioCandidate:
     def _robot_entry(self) -> dict[str, Json]:
         """Robot entry of the scenario."""
         mobility = self.mobility
-        return {
-            **self.source.robot_entry(mobility.base),
-            **({"lock": mobility.lock} if mobility.lock else {}),
-            **({"gravity": [0, 0, 0]} if mobility.weightless else {}),
-        }
+        lock: dict[str, Json] = {"lock": mobility.lock} if mobility.lock else {}
+        gravity: dict[str, Json] = {"gravity": [0, 0, 0]} if mobility.weightless else {}
+        return {**self.source.robot_entry(mobility.base), **lock, **gravity}
 
     def _motions(self, chosen: assumptions.ChosenOutputs, share: float) -> dict[str, float]:
         """Displacement of each reference by output; none of a robot that starts in motion, and keeps its speed."""
