@@ -20,7 +20,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from rnc_pin.errors import ConfigurationError, few
-from rnc_pin.io import TEMPORARY_PREFIX, open_regular
+from rnc_pin.io import TEMPORARY_PREFIX, atomic_file, open_regular
 
 MANIFEST = ".rnc_pin"
 _RESULT = re.compile(
@@ -59,15 +59,10 @@ class Manifest:
         except (ValueError, KeyError, TypeError, RecursionError):
             return cls(folder)  # it owns nothing, so that nothing is deleted
 
-    def write(self, temporary: Path) -> None:
-        """Replace the manifest in the folder atomically.
-
-        Args:
-            temporary: folder on the same device in which the file is prepared.
-        """
-        partial = temporary / MANIFEST  # a kill while it is written leaves the old one whole
-        partial.write_text(json.dumps({"files": self.digests}) + "\n", encoding="utf-8")
-        os.replace(partial, self.folder / MANIFEST)
+    def write(self) -> None:
+        """Replace the manifest in the folder. A kill while it is written leaves the old one whole."""
+        with atomic_file(self.folder / MANIFEST) as partial:
+            partial.write_text(json.dumps({"files": self.digests}) + "\n", encoding="utf-8")
 
     def owns(self, name: str) -> bool:
         """True if a run wrote the file and it is unchanged.
@@ -148,7 +143,7 @@ class OutputFolder:
                 self._had_results = any(os.path.lexists(self.path / name) for name in (*earlier.digests, *names))
                 self.fresh.mkdir()
                 if not os.path.lexists(self.path / MANIFEST):
-                    earlier.write(self.fresh)
+                    earlier.write()
                     self._made_manifest = True
         except BaseException:  # Ctrl-C too: a folder that was just made would stay locked and empty
             self.close()
@@ -206,11 +201,11 @@ class OutputFolder:
         """
         earlier = self._move()
         # Files that this run did not write are of an earlier one: beside the new results they would mislead.
-        with self.writing() as fresh:
+        with self.writing():
             for name in earlier.digests.keys() - self._kept:
                 if earlier.owns(name):
                     (self.path / name).unlink()
-            Manifest(self.path, self._kept).write(fresh)
+            Manifest(self.path, self._kept).write()
 
     def _move(self) -> Manifest:
         """Move the results into place. Return the manifest from before."""
@@ -228,7 +223,7 @@ class OutputFolder:
                 )
             # Further contents of the same files: it holds whether or not a kill interrupts the moves.
             both = {name: [*earlier.digests.get(name, ()), *found] for name, found in new.items()}
-            Manifest(self.path, {**earlier.digests, **both}).write(fresh)
+            Manifest(self.path, {**earlier.digests, **both}).write()
             for name in new:
                 os.replace(staged[name], self.path / name)
             self._kept |= new
