@@ -57,14 +57,15 @@ class ConfigurationEvaluation(SummaryMixin):
         self, evaluator: ArraySource, q: Array, same: ConfigurationEvaluation | None = None, t: Component | None = None
     ) -> None:
         if same is None:
+            # Without a time, rows that turn over time would silently be those of time zero.
+            if t is None and evaluator.data.turning:
+                raise no_time(evaluator.data)
             if q.ndim > 1:
                 q = np.ascontiguousarray(q)  # the kernel walks through states in memory
             q.setflags(write=False)
         self._evaluator, self._data, self.q, self._same_q, self.t = evaluator, evaluator.data, q, same, t
         # Of the same reduction, arrays and factors are equal; of another one, only the kinematics are.
         self._same_reduction = same if same is not None and same._evaluator is evaluator else None
-        # Without a time, rows that turn over time would silently be those of time zero.
-        self._check_time(evaluator.data.turning)
 
     _of_velocity: ClassVar[set[str]] = set()  # names of subclasses that need one
 
@@ -124,9 +125,9 @@ class ConfigurationEvaluation(SummaryMixin):
                 raise InputError(f"'{name}' needs a velocity: use at(q, v2), or at(q, v=v) with a measured velocity")
             raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
 
-    def _check_time(self, needed: bool) -> None:
-        """Raise an error for an evaluation that needs the time of rheonomic constraints, if it is unknown."""
-        if needed and self.t is None:
+    def _check_time(self) -> None:
+        """Raise an error for a quantity that needs the time of rheonomic constraints, if it is unknown."""
+        if self.t is None and self._data.rheonomic:
             raise no_time(self._data)
 
     @property
@@ -219,7 +220,7 @@ class ConfigurationEvaluation(SummaryMixin):
     @cached_property
     def mu(self) -> Float[Array, "*batch m"]:
         """Right-hand side of the constraints, ``A v = mu``."""
-        self._check_time(self._data.rheonomic)
+        self._check_time()
         return self._of_kept_rows(lambda rows: rows.rate(self.position))
 
     def _of_kept_rows(self, of: Callable[[RowStack], Array]) -> Array:

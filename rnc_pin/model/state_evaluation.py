@@ -70,7 +70,7 @@ class StateEvaluation(ConfigurationEvaluation):
         self.configuration: ConfigurationEvaluation = of_q
         super().__init__(configuration._evaluator, configuration.q, self.configuration, configuration.t)
         # At a velocity, rates of rows over time are needed at once; at a configuration only mu needs them.
-        self._check_time(self._data.rheonomic)
+        self._check_time()
         self._v2, self._v, self._motion = v2, v, motion
 
     @classmethod
