@@ -192,7 +192,8 @@ def _quantities(record: Record, forces: _Forces, signals: dict[str, Array]) -> d
             seen = StateEvaluation.at(reduced.evaluator, q, v=v, t=t)
             derived["F"][block] = _reduced_forces(reduced, seen, t, T)
             derived["singular_value"][block] = seen.smallest_singular_value
-            derived["ground_poses"][block] = ground_poses(bodies, seen.position)
+            for k, body in enumerate(bodies):
+                derived["ground_poses"][block, 3 * k : 3 * k + 3] = body.poses(seen.position)
             # Energy and forces of contacts belong to what moves, F and the margin to the controller's model.
             own = seen if plant is reduced else StateEvaluation.at(plant.evaluator, q, v=v, t=t)
             derived["energy"][block] = own.energy
@@ -330,16 +331,6 @@ def ground_bodies(reduced: ReducedModel) -> tuple[GroundBody, ...]:
         if contacts[0] is not None and contacts[1] is not None:
             found.setdefault(_carrier(model, here, contacts[0]), []).append((contacts[0], contacts[1]))
     return tuple(_body(robot, joint, found[joint], here, there) for joint in sorted(found))
-
-
-def ground_poses(bodies: Iterable[GroundBody], at: PositionKinematics) -> Float[Array, "*batch g"]:
-    """Positions x, y and headings of all bodies at configurations, (..., 3 k) for k bodies.
-
-    Args:
-        bodies: the bodies (k,).
-        at: kinematics at the configurations (..., nq).
-    """
-    return np.concatenate([np.empty((*at.q.shape[:-1], 0)), *(body.poses(at) for body in bodies)], axis=-1)
 
 
 def _contact(contact: GroundContact, robot: Robot, at: PositionKinematics) -> _Contact | None:
