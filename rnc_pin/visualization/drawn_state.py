@@ -211,15 +211,18 @@ def recorded_states(
         )
 
 
-def live_state(reduced: ReducedModel, sample: Sample) -> DrawnState:
+def live_state(model: DrawnModel, sample: Sample) -> DrawnState:
     """State at a sample of a live run. Outputs that the measurement omits are computed; unknown inputs are NaN.
 
     Args:
-        reduced: model, used by the calling thread alone.
+        model: drawn model, used by the calling thread alone.
         sample: sample of the run.
     """
-    measurement, command = sample.measurement, sample.command
+    measurement, command, reduced = sample.measurement, sample.command, model.reduced
     q, v2 = measurement.q, measurement.v2
+    if reduced is None:  # only the configuration is known: nothing is drawn but the robot
+        none = np.empty(0)
+        return DrawnState(sample.time, q, none, none, none, none, none, none, float("nan"))
     state = reduced.at(q, v2, t=sample.time)
     # Controllers of some kinds need no outputs, and their loops then measure none.
     if measurement.x2 is None:

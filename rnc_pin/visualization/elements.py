@@ -347,7 +347,7 @@ class SceneKinematics:
     """
 
     def __init__(self, robot: Robot, rows: RowStack | None = None) -> None:
-        self.robot, self._rows, self._kinematics = robot, rows, Kinematics(robot)
+        self.robot, self._rows, self._kinematics = robot, rows or RowStack(()), Kinematics(robot)
         self._at = self._kinematics.position(robot.configuration())
 
     def at(self, q: np.ndarray) -> PositionKinematics:
@@ -394,8 +394,7 @@ class SceneKinematics:
         Args:
             state: the state.
         """
-        none = np.empty((0, 3))
-        return (none, none) if self._rows is None else self._rows.lines_of_action(self.at(state.q))
+        return self._rows.lines_of_action(self.at(state.q))
 
     def center_of_mass(self, q: np.ndarray) -> np.ndarray:
         """Centre of mass of the robot (3,) [m].

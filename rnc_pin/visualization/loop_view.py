@@ -186,7 +186,8 @@ class LiveView:
         """Draw the pending samples. Return False if drawing failed."""
         while self._due:
             try:
-                self.draw(self._state(self._due.popleft()))
+                due = self._due.popleft()
+                self.draw(due if isinstance(due, DrawnState) else live_state(self._model, due))
                 self.problem = None
             except RncError as error:  # for example a singular configuration; the next state may be drawn
                 self.problem = error
@@ -194,15 +195,6 @@ class LiveView:
                 self.problem = error
                 return False
         return True
-
-    def _state(self, sample: Sample | DrawnState) -> DrawnState:
-        if isinstance(sample, DrawnState):
-            return sample
-        if self._model.reduced is not None:
-            return live_state(self._model.reduced, sample)
-        # Without a model only the configuration is known: nothing is drawn but the robot.
-        none = np.empty(0)
-        return DrawnState(sample.time, sample.measurement.q, none, none, none, none, none, none, float("nan"))
 
     def close(self) -> None:
         """Draw the last sample, and stop serving."""

@@ -54,8 +54,7 @@ class RunScene:
         self.run, self.comparisons = run, comparisons
         self.robot, self.reduced, self.outputs = model.robot, model.reduced, info.outputs
         self.shapes = draw_robot(self.robot, scene)
-        rows = self.reduced.constraints if self.reduced and self.reduced.m else None
-        self.kinematics = SceneKinematics(self.robot, rows)
+        self.kinematics = SceneKinematics(self.robot, self.reduced.constraints if self.reduced else None)
         self._known = first.q[None] if run is None else run.q  # configurations (N, nq)
         # All widths and arrows scale with the robot, within what a camera shows.
         self.size = float(np.clip(np.linalg.norm(np.ptp(self.kinematics.corners(first.q), axis=0)) / 2, 0.05, 20.0))
