@@ -301,13 +301,14 @@ class SteeringController(DescribedMixin):
         task, m = self.task, measurement
         gradient = kinematic_gradient(self._reduced.at(m.q), self._redundant)
         slopes = np.ascontiguousarray(np.moveaxis(gradient, -1, -3))  # (..., a, k, r)
+        if state is None and isinstance(self.vertical, SlitheringReference):
+            raise InputError("steering along the driven path needs the last step's state, at first initial_state's")
         x21d = self.primary.at(t)
         v21d, v21d_dot = self._follow_primary(x21d, m.x2[..., task.primary], m.v2[..., task.primary])
         v2_dot = np.zeros(m.v2.shape)  # unknown for steering rates: it needs third derivatives of the references
         v2_dot[..., task.primary] = v21d_dot
         if isinstance(self.vertical, SlitheringReference):
-            if state is None:
-                raise InputError("steering along the driven path needs the last step's state, at first initial_state's")
+            assert state is not None
             x11d, state = self.vertical.step(m, v2_dot, state)
         else:
             x11d = self.vertical.at(t)
