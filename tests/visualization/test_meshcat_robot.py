@@ -96,7 +96,7 @@ def test_meshes_that_cannot_be_had_cost_one_warning_that_names_the_remedy(gaps):
     assert line.endswith("boxes of the inertia's size stand in")
     names = {shape.name for shape in visual.geometryObjects}
     stand_ins = {f"{link}_stand_in" for link in ("base", "broken", "pointer", "odd")}
-    assert names == {"arm_0", "whole_0", *stand_ins}  # nothing for what has no mass
+    assert names == {"arm_1", "whole_0", *stand_ins}  # nothing for what has no mass
     assert robot.stand_ins == stand_ins
     collision, told = warned(lambda: robot.collision_model)
     assert (told, [shape.name for shape in collision.geometryObjects]) == ([], ["arm_0"])
