@@ -51,7 +51,8 @@ class PrivilegedCoordinates(ReprMixin):
         names: of the coordinates.
         weights: of the coordinates, ascending (c,).
         linear: combinations of the coordinates of the chart (c, nv).
-        polynomials: polynomial of lower coordinates that each has in addition.
+        polynomials: polynomial of lower coordinates that each has in addition: coefficients by the powers of the
+            coordinates.
         error: estimated error of the coefficients.
 
     Attributes:
@@ -79,8 +80,7 @@ class PrivilegedCoordinates(ReprMixin):
     ) -> None:
         self.q, self.names, self.weights, self.error = q, tuple(names), tuple(weights), error
         self.growth_vector = tuple(sum(w <= s for w in self.weights) for s in range(1, max(self.weights) + 1))
-        self.linear = linear
-        self._polynomials = tuple(polynomials)
+        self.linear, self.polynomials = linear, tuple(polynomials)
         self.chart = PlacementChart(reduced.robot.model, q)
         for each in (self.q, self.linear):
             each.setflags(write=False)
@@ -89,11 +89,6 @@ class PrivilegedCoordinates(ReprMixin):
     def size(self) -> int:
         """Number of coordinates."""
         return len(self.weights)
-
-    @property
-    def polynomials(self) -> tuple[Polynomial, ...]:
-        """Polynomial of each coordinate: coefficients by the powers of the coordinates."""
-        return self._polynomials
 
     def values(self, q: ArrayLike) -> Float[Array, "*n c"]:
         """Coordinates z of configurations (..., nq).
@@ -131,7 +126,7 @@ class PrivilegedCoordinates(ReprMixin):
         flat = array.reshape(-1, len(self.q))
         z, slopes = self.chart.coordinates(flat) @ self.linear.T, self.linear @ self.chart.jacobian(flat)
         # In the order of the weights: each polynomial has coordinates that are corrected already.
-        for j, polynomial in enumerate(self._polynomials):
+        for j, polynomial in enumerate(self.polynomials):
             lower = z.copy()
             for powers, coefficient in polynomial.items():
                 z[:, j] += coefficient * np.prod(lower**powers, axis=1)
@@ -342,13 +337,7 @@ def _sorted(
 
 def _monomials(weights: Sequence[int], degree: int) -> Array:
     """Powers (k, c) of the monomials of a weighted degree."""
-
-    def of(i: int, left: int) -> list[tuple[int, ...]]:
-        if i == len(weights):
-            return [()] if left == 0 else []
-        found = []
-        for power in range(left // weights[i] + 1):
-            found += [(power, *rest) for rest in of(i + 1, left - power * weights[i])]
-        return found
-
-    return np.array(of(0, degree), dtype=int).reshape(-1, len(weights))
+    found: list[tuple[tuple[int, ...], int]] = [((), degree)]  # powers of the first coordinates, and the degree left
+    for w in weights:
+        found = [((*powers, k), left - k * w) for powers, left in found for k in range(left // w + 1)]
+    return np.array([powers for powers, left in found if not left], dtype=int).reshape(-1, len(weights))

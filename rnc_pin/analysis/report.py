@@ -121,11 +121,6 @@ class Report(SummaryMixin):
     lemma1: dict[str, float]
     lemma1_holds: bool
 
-    @property
-    def full_reach(self) -> str:
-        """Words for a growth vector that reaches n; without constraint rows nothing is nonholonomic."""
-        return "completely nonholonomic" if self.rank else "every configuration: no constraint row restricts it"
-
     def to_dict(self) -> dict[str, Json]:
         """Plain lists, numbers and strings, ready for JSON."""
         return to_json_mapping(asdict(self), "report")
@@ -134,7 +129,9 @@ class Report(SummaryMixin):
         less = counted(self.rank, "independent row")
         title = f"Report: {self.n} degrees of freedom less {less} leave {self.r}"
         task, short = self.redundancy, self.r - self.actuation_rank
-        reach = self.full_reach if self.completely_nonholonomic else f"at most {self.growth_vector[-1]} of {self.n}"
+        # Without constraint rows nothing is nonholonomic.
+        whole = "completely nonholonomic" if self.rank else "every configuration: no constraint row restricts it"
+        reach = whole if self.completely_nonholonomic else f"at most {self.growth_vector[-1]} of {self.n}"
         vector = f"({', '.join(map(str, self.growth_vector))}), {self.growth_evidence}"
         kinds = ["integrable" if row in self.integrable_rows else "nonholonomic" for row in self.kept_rows]
         full = f"{self.actuation_rank} of {self.r} reduced forces" + (", not fully actuated: " if short else "")
