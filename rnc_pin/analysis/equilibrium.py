@@ -173,10 +173,8 @@ class _Search:
         self._model = reduced.robot.model
         self._kinematics = Kinematics(reduced.robot)
         # Gravity and the motion give the scale: a residual counts as a part of their accelerations.
-        self._size = 1.0 + float(np.linalg.norm(self._model.gravity.linear)) + float(v2 @ v2)
-        if reduced.affine:
-            b = reduced.at(guess).b
-            self._size += float(b @ b)
+        b = reduced.at(guess).b
+        self._size = 1.0 + float(np.linalg.norm(self._model.gravity.linear)) + float(v2 @ v2) + float(b @ b)
 
     def any_near(self) -> _Point:
         """Return an equilibrium near the guess, by Newton steps of least norm, halved until the residual decreases."""
@@ -359,11 +357,8 @@ class Symmetries:
         """
         n, model = self._model.nv, self._model
         result = np.zeros((n, n))
-        k = self._twists.shape[1]
-        if not k:
-            return result
         X, inverse, _ = _whole_motions(model, self._data, q)
-        velocity = X @ self._twists @ coefficients[:k]
+        velocity = X @ self._twists @ coefficients[: self._twists.shape[1]]
         for direction in range(n):  # derivative of J X = twist, with constant twist
             pin.computeJointJacobiansTimeVariation(model, self._data, q, np.eye(n)[direction])
             rates = [
@@ -397,8 +392,11 @@ def find_symmetries(reduced: ReducedModel, q: np.ndarray, cyclic: Sequence[str] 
         X, _, misfit = _whole_motions(model, data, configuration)
         of_robot += [misfit, *(_scaled(each) @ X for each in (bodies, *others))]
         of_joints += [_scaled(each) for each in (joints, *others)]
-    columns = [_null_space(np.vstack(of_joints)), *(np.eye(robot.nv)[:, entries_of(robot, name)] for name in cyclic)]
-    return Symmetries(reduced, _null_space(np.vstack(of_robot)), scipy.linalg.orth(np.hstack(columns)))
+    unchanged = 1e-6  # singular value of changes that count as zero: each kind is scaled to one
+    spaces = (np.linalg.svd(np.vstack(rows), full_matrices=False) for rows in (of_robot, of_joints))
+    twists, joints = (right[values < unchanged].T for _, values, right in spaces)
+    columns = [joints, *(np.eye(robot.nv)[:, entries_of(robot, name)] for name in cyclic)]
+    return Symmetries(reduced, twists, scipy.linalg.orth(np.hstack(columns)))
 
 
 def entries_of(robot: Robot, name: str) -> list[int]:
@@ -472,11 +470,3 @@ def _scaled(changes: np.ndarray) -> np.ndarray:
     no_change = 1e-12  # absolute zero limit for the changes along all directions
     # Each kind of change has its own unit: scaled, the limit of the null space is the same for all.
     return changes / largest if largest > no_change else np.zeros_like(changes)
-
-
-def _null_space(rows: np.ndarray) -> np.ndarray:
-    """Orthonormal basis of the directions whose changes are below ``unchanged``."""
-    # Rows of zeros make the matrix tall: all right singular vectors have a value then.
-    _, values, right = np.linalg.svd(np.vstack([rows, np.zeros((rows.shape[1], rows.shape[1]))]))
-    unchanged = 1e-6  # zero limit, relative to the largest change along any direction
-    return right[values < unchanged].T
