@@ -76,13 +76,19 @@ class ContactForceSet:
         if lines is None:
             return rows.mT, None
         gives, couples = self.normal.plane_effects(lines)
-        # Two wheels without casters cannot balance a pitch moment: such a balance must not enter the equations.
-        kept = self.balanced_part(gives, couples)
+        others = np.concatenate([gives[:, :, self._by_motion], couples], axis=2)
+        # Two wheels without casters cannot balance a pitch moment: such a balance must not enter the equations. The sum
+        # of the forces carries the weight exactly; only what is left may reduce the error of the moments.
+        sums, moments = others[0, 0], others[:, 1:]
+        free = np.eye(len(sums)) - np.outer(sums, sums) / self._by_motion.sum()  # directions that keep the sum
+        kept = np.zeros((len(gives), 1 + len(sums), 3))
+        kept[:, 0, 0] = 1.0
+        kept[:, 1:, 1:] = (moments @ free).mT
         of_rows = np.zeros((len(rows), 3, rows.shape[1]))
         for number, contact in enumerate(self.normal.contacts):
             if not self._by_motion[number]:
                 of_rows[:, :, contact.up] = gives[:, :, number]
-        balances = np.concatenate([of_rows, gives[:, :, self._by_motion], couples], axis=2)
+        balances = np.concatenate([of_rows, others], axis=2)
         # The generalized force of the constraints has no part of the other unknowns.
         forces = np.pad(rows.mT, ((0, 0), (0, 0), (0, balances.shape[2] - rows.shape[1])))
         return np.concatenate([forces, kept @ balances], axis=1), kept
@@ -109,22 +115,6 @@ class ContactForceSet:
             return effects, needed
         balance = self.normal.plane_needs(lines, np.atleast_2d(state.q), np.atleast_2d(state.v), v_dot, T)
         return effects, np.concatenate([needed, np.matvec(kept, balance)], axis=1)
-
-    def balanced_part(self, gives: Float[Array, "N 3 c"], couples: Float[Array, "N 3 u"]) -> Float[Array, "N e 3"]:
-        """Combinations of the three balances that forces can satisfy: the sum exactly, moments by least squares.
-
-        Args:
-            gives: effects of unit upward forces of the contacts on the three balances.
-            couples: effects of unit couples of axles.
-        """
-        effects = np.concatenate([gives[:, :, self._by_motion], couples], axis=2)
-        sums, moments = effects[0, 0], effects[:, 1:]
-        # The sum of the forces carries the weight exactly; only what is left may reduce the error of the moments.
-        free = np.eye(len(sums)) - np.outer(sums, sums) / self._by_motion.sum()  # directions that keep the sum
-        out = np.zeros((len(gives), 1 + len(sums), 3))
-        out[:, 0, 0] = 1.0
-        out[:, 1:, 1:] = (moments @ free).mT
-        return out
 
     def free(self, q: Float[Array, "N nq"], rows: Float[Array, "N l nv"]) -> Float[Array, "N m k d"]:
         """Directions in which the contact forces are free: orthonormal, the last ones zero where fewer are free.
@@ -173,9 +163,9 @@ class ContactForceSet:
             contact_forces: forces of all constraint rows on the robot [N or N m].
             normal_forces: normal forces of the contacts of ``normal`` [N].
         """
-        axles = np.zeros((len(normal_forces), self.selection.shape[-1] - self._rows - int(self._by_motion.sum())))
-        unknowns = np.concatenate([contact_forces, normal_forces[:, self._by_motion], axles], axis=1)
-        return np.einsum("mky,ny->nmk", self.selection, unknowns)
+        forces = np.concatenate([contact_forces, normal_forces[:, self._by_motion]], axis=1)
+        # The last unknowns, couples of axles, are a component of no contact.
+        return np.einsum("mky,ny->nmk", self.selection[:, :, : forces.shape[1]], forces)
 
 
 class Grip(SummaryMixin):
@@ -222,13 +212,6 @@ class Grip(SummaryMixin):
     def _summary(self) -> ObjectSummary:
         title = f"Grip of {counted(len(self.names), 'contact')} with friction {self.friction:.4g}"
         return ObjectSummary(title, [("contacts", items(self.names))])
-
-    def _loads(self, normal: Array) -> Array:
-        loads = np.zeros((*normal.shape[:-1], len(self.names)))
-        for column, contact in enumerate(self._contacts):
-            if contact in self.normal.contacts:
-                loads[..., column] = np.maximum(normal[..., self.normal.contacts.index(contact)], 0.0)
-        return loads
 
     def used(self, q: Array, v2: Array, T: Array) -> Float[Array, "*batch w"]:
         """Return the share of the available friction that each contact uses; a contact above 1 slips.
@@ -283,7 +266,12 @@ class Grip(SummaryMixin):
     def _shares(self, q: Array, rows: Array, contact_forces: Array, normal_forces: Array) -> Array:
         """Shares (..., w) of states (...,)."""
         sizes = [np.linalg.norm(contact_forces[..., list(each.along)], axis=-1) for each in self._contacts]
-        even, allowed = np.stack(sizes, axis=-1), self.friction * self._loads(normal_forces)
+        even = np.stack(sizes, axis=-1)
+        allowed = np.zeros_like(even)  # a contact that does not carry has no load
+        for column, contact in enumerate(self._contacts):
+            if contact in self.normal.contacts:
+                load = normal_forces[..., self.normal.contacts.index(contact)]
+                allowed[..., column] = self.friction * np.maximum(load, 0.0)
         small = 1e-9  # [N]: a force without a load that is rounding slips on no ground
         # A contact that needs a force and carries nothing uses infinite friction; one that needs none uses zero.
         shares = np.divide(even, allowed, out=np.where(even > small, np.inf, 0.0), where=allowed > 0)

@@ -89,11 +89,10 @@ def contacts_of(reduced: ReducedModel) -> list[Contact]:
     found: list[Contact] = []
     for block, where, _ in reduced.all_constraints.places:
         holonomic, frame = block.holonomic or (False,) * len(block.names), getattr(block.kind, "frame", None)
-        along = tuple(
-            where.start + row for row, fixed in enumerate(holonomic) if not fixed and acting[where.start + row]
-        )
+        rows = list(enumerate(holonomic, where.start))
+        along = tuple(row for row, fixed in rows if not fixed and acting[row])
         # The row that carries, if any, keeps the height.
-        ups = [where.start + row for row, fixed in enumerate(holonomic) if fixed and block.on_ground]
+        ups = [row for row, fixed in rows if fixed and block.on_ground]
         if along or ups:
             point = (*along, *ups)[0]
             name = frame if isinstance(frame, str) else block.names[point - where.start]
@@ -296,8 +295,8 @@ class NormalForces:
         if not self.carried_by_row.all():
             v_dot, T = state.acceleration(T, external), np.broadcast_to(T, (*batch, self._reduced.p))
             count = int(np.prod(batch))
-            flat = [each.reshape(count, each.shape[-1]) for each in (state.q, state.v, v_dot, T, forces)]
-            q, v, v_dot, T, known = flat
+            arrays = state.q, state.v, v_dot, T, forces
+            q, v, v_dot, T, known = (each.reshape(count, each.shape[-1]) for each in arrays)
             lines, others = self.lines(q), ~self.carried_by_row
             gives, couples = self.plane_effects(lines)
             # Forces that rows carry are known by now: the balance of motion gives the others beside them.
