@@ -56,6 +56,7 @@ class PrivilegedCoordinates(ReprMixin):
         error: estimated error of the coefficients.
 
     Attributes:
+        size: number of coordinates.
         growth_vector: dimensions of D1, D2, ... in these coordinates.
         chart: the chart about q.
 
@@ -79,16 +80,12 @@ class PrivilegedCoordinates(ReprMixin):
         error: float,
     ) -> None:
         self.q, self.names, self.weights, self.error = q, tuple(names), tuple(weights), error
+        self.size = len(self.weights)
         self.growth_vector = tuple(sum(w <= s for w in self.weights) for s in range(1, max(self.weights) + 1))
         self.linear, self.polynomials = linear, tuple(polynomials)
         self.chart = PlacementChart(reduced.robot.model, q)
         for each in (self.q, self.linear):
             each.setflags(write=False)
-
-    @property
-    def size(self) -> int:
-        """Number of coordinates."""
-        return len(self.weights)
 
     def values(self, q: ArrayLike) -> Float[Array, "*n c"]:
         """Coordinates z of configurations (..., nq).
@@ -288,12 +285,11 @@ def _corrected(
 def _coefficients(series: Array, weights: Sequence[int], powers: Sequence[Array]) -> list[Array]:
     """Coefficients of the monomials below the weight of each coordinate, from series (c, degrees, flows)."""
     z, found = series.copy(), []
-    degrees = range(series.shape[1])
     for j, weight in enumerate(weights):
         chosen = []
         for degree in range(1, weight):
             # Below its weight, a monomial has no Taylor coefficient; the first is the product of the first ones.
-            basis = [_product(z[:j], each, len(degrees)) for each in powers[degree]]
+            basis = [_product(z[:j], each) for each in powers[degree]]
             matrix = np.array([each[degree] for each in basis]).T
             sizes = np.linalg.norm(matrix, axis=0)
             # Columns of unit length: monomials of small coordinates would look dependent.
@@ -307,13 +303,13 @@ def _coefficients(series: Array, weights: Sequence[int], powers: Sequence[Array]
     return found
 
 
-def _product(z: Array, power: Array, degrees: int) -> Array:
+def _product(z: Array, power: Array) -> Array:
     """Series (degrees, flows) of a monomial of series z (c, degrees, flows)."""
     found = np.zeros(z.shape[1:])
     found[0] = 1.0
     for i in np.flatnonzero(power):
         for _ in range(power[i]):
-            found = np.array([sum(found[a] * z[i, d - a] for a in range(d + 1)) for d in range(degrees)])
+            found = np.array([sum(found[a] * z[i, d - a] for a in range(d + 1)) for d in range(z.shape[1])])
     return found
 
 

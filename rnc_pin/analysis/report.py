@@ -248,8 +248,6 @@ def analyze(
 
 def _actuation(reduced: ReducedModel, configurations: np.ndarray) -> tuple[int, tuple[str, ...]]:
     """Smallest rank of ``R^T B``, and the unactuated reducing outputs at that sample."""
-    if not reduced.p:
-        return 0, reduced.reducing.names
     # Left singular vectors beyond the rank are reduced forces that no actuator gives.
     left, values, _ = np.linalg.svd(reduced.at(configurations).input_matrix)
     least = 1e-10  # of the largest singular value of R^T B
