@@ -91,26 +91,15 @@ def run_summary(experiment: Experiment, run: Trajectory, wall_time: float | None
         wall_time: computing time [s].
     """
     summary = simulation.summarize(run, wall_time)
-    strayed = _off_tracking(experiment, run.q)
-    if strayed is not None:
-        summary["off_tracking_max"] = strayed
+    path, robot = experiment.scenario.reference.path, experiment.reduced.robot
+    if path is not None and path.trailer is not None and len(run.q):
+        some = run.q[::10]  # every tenth sample is dense enough
+        driven, axle = (frame_poses(robot, frame, some)[0] for frame in (path.frame, path.trailer.frame))
+        # Before the start the driven path is straight. There the axle is behind it: as a chord, twice its distance
+        # reaches beyond it at any angle.
+        behind = 2.0 * float(np.linalg.norm(driven[0, :2] - axle[0, :2]))
+        summary["off_tracking_max"] = float(path_distances(axle[:, :2], continued_back(driven, behind)).max())
     return summary
-
-
-def _off_tracking(experiment: Experiment, configurations: np.ndarray) -> float | None:
-    """Return the largest distance [m] of a trailer's axle from the travelled path; None without a trailer.
-
-    The path is that of the frame of ``reference.path``, with a straight segment before the start.
-    """
-    settings = experiment.scenario.reference.path
-    if settings is None or settings.trailer is None or not len(configurations):
-        return None
-    robot = experiment.reduced.robot
-    some = configurations[::10]  # every tenth sample is dense enough
-    driven, axle = (frame_poses(robot, frame, some)[0] for frame in (settings.frame, settings.trailer.frame))
-    # At the start the axle is behind the path: as a chord, twice its distance reaches beyond it at any angle.
-    behind = 2.0 * float(np.linalg.norm(driven[0, :2] - axle[0, :2]))
-    return float(path_distances(axle[:, :2], continued_back(driven, behind)).max())
 
 
 def _goal_errors(experiment: Experiment, run: Trajectory, summary: Summary) -> dict[str, float]:
