@@ -16,7 +16,7 @@ from pydantic import Field, model_validator
 from rnc_pin.applications.scenario.schema.derived import one_of
 from rnc_pin.applications.scenario.schema.motions import ReferenceItem
 from rnc_pin.collision import Obstacle, ground_shape, load_map, load_mesh_shape
-from rnc_pin.errors import ConfigurationError, RncError, place_of
+from rnc_pin.errors import RncError, check_unique, place_of
 from rnc_pin.io import Json, Strict
 from rnc_pin.model import Coordinates, NotNegative, Positive
 from rnc_pin.robots import Robot, find_mjcf, find_shipped, find_urdf
@@ -287,12 +287,8 @@ def build_obstacles(items: Sequence[_Placed | MapObstacle], folder: Path) -> tup
     found: list[Obstacle] = []
     for number, item in enumerate(items, start=1):
         name = item.name or f"{type(item).__name__.removesuffix('Obstacle').lower()} {number}"
-        known = {each.name for each in found}
         with RncError.at(f"obstacle '{name}'"):  # an error names a mesh or a motion, a reader looks for the obstacle
-            built = item.build(folder, name)
-        for obstacle in built:
-            # Verdicts, records and pages tell obstacles by their names.
-            if obstacle.name in known:
-                raise ConfigurationError(f"obstacles: two are named '{obstacle.name}'")
-            found.append(obstacle)
+            found += item.build(folder, name)
+    # Verdicts, records and pages tell obstacles by their names.
+    check_unique([each.name for each in found], "obstacles: two are named")
     return tuple(found)
