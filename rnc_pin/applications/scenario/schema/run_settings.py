@@ -88,12 +88,6 @@ def _ordered(ends: list[float]) -> list[float]:
     return ends
 
 
-def _positive(ends: list[float]) -> list[float]:
-    if ends[0] <= 0.0:
-        raise ValueError(f"expected a minimum greater than 0, found {ends[0]:g}")
-    return ends
-
-
 Ends = Annotated[list[float], Field(min_length=2, max_length=2), AfterValidator(_ordered)]
 
 
@@ -114,7 +108,7 @@ class LogUniformDistribution(Strict):
         log_uniform: minimum, greater than zero, and maximum.
     """
 
-    log_uniform: Annotated[Ends, AfterValidator(_positive)]
+    log_uniform: Annotated[list[Positive], Field(min_length=2, max_length=2), AfterValidator(_ordered)]
 
     def draw(self, generator: np.random.Generator) -> float:
         low, high = self.log_uniform
