@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import signal
@@ -11,7 +10,7 @@ import time
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sized
 from concurrent.futures import BrokenExecutor
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias, cast
@@ -194,14 +193,21 @@ def _from_workers(runs: Runs, numbered: Iterator[Numbered], jobs: int | str, sta
     except Exception as error:  # whatever the objects of a user raise
         raise InputError(f"build cannot be pickled for other processes: {error}") from error
     if isinstance(jobs, str):
-        stack.enter_context(_dask_cluster(jobs))
+        from dask.distributed import Client
+
+        try:
+            # Not as default: a session of the user may have a client of its own.
+            client = stack.enter_context(cast("Any", Client)(jobs, timeout=_ANSWER, set_as_default=False))
+        except (OSError, ValueError) as error:
+            raise ConfigurationError(f"--scheduler {jobs}: cannot be reached: {error}") from None
+        stack.enter_context(parallel_config("dask", client=client, wait_for_workers_timeout=_ANSWER, pure=False))
         # All workers of the cluster; they end with their scheduler, and not with this process.
         parent, count = None, -1
     else:
         # One thread in each: processes use all cores already.
         stack.enter_context(parallel_config("loky", inner_max_num_threads=1))
         parent, count = os.getpid(), jobs
-    work = _Work(pickled, hashlib.sha256(pickled).hexdigest(), (__version__, kernel), parent)
+    work = _Work(pickled, (__version__, kernel), parent)
     try:
         tasks = (delayed(worker_row)(work, *each) for each in numbered)
         found: Rows = Parallel(count, return_as="generator_unordered", max_nbytes=None)(tasks)
@@ -210,25 +216,10 @@ def _from_workers(runs: Runs, numbered: Iterator[Numbered], jobs: int | str, sta
     return found
 
 
-@contextmanager
-def _dask_cluster(scheduler: str) -> Iterator[None]:
-    """Let joblib use a Dask cluster inside."""
-    from dask.distributed import Client
-
-    try:
-        # Not as default: a session of the user may have a client of its own.
-        client = cast("Any", Client)(scheduler, timeout=_ANSWER, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise ConfigurationError(f"--scheduler {scheduler}: cannot be reached: {error}") from None
-    with client, parallel_config("dask", client=client, wait_for_workers_timeout=_ANSWER, pure=False):
-        yield
-
-
 class _Work(NamedTuple):
-    """Common part of the runs of a sweep: pickled source, its digest, versions, and process of local workers."""
+    """Common part of the runs of a sweep: pickled source, versions, and process of local workers."""
 
     pickled: bytes
-    key: str
     versions: tuple[str, str]
     parent: int | None
 
@@ -255,9 +246,9 @@ def worker_row(work: _Work, run: int, draw: Draw | None) -> Row:
             f"a worker has rnc_pin {__version__} with kernel '{kernel}', the sweep {work.versions[0]} with "
             f"'{work.versions[1]}'"
         )
-    # A digest and not the object: each task brings its own copy of the bytes.
-    if getattr(_local, "key", None) != work.key:
-        _local.key, _local.runs = work.key, cloudpickle.loads(work.pickled)
+    # Equal and not the same: each task brings its own copy of the bytes.
+    if getattr(_local, "pickled", None) != work.pickled:
+        _local.pickled, _local.runs = work.pickled, cloudpickle.loads(work.pickled)
     row: Row = _local.runs.row(run, draw)
     return row
 

@@ -110,7 +110,7 @@ def test_a_killed_worker_ends_the_sweep_in_one_error_and_the_same_call_continues
 
 
 def test_workers_of_another_release_and_what_cannot_be_pickled_are_refused(tmp_path):
-    work, lock = run_sweep._Work(b"", "", ("0.0", "numpy"), None), threading.Lock()
+    work, lock = run_sweep._Work(b"", ("0.0", "numpy"), None), threading.Lock()
     with pytest.raises(rnc.ConfigurationError, match=r"the sweep 0\.0 with 'numpy'"):
         run_sweep.worker_row(work, 0, None)
     with pytest.raises(rnc.InputError, match="build cannot be pickled"):
