@@ -7,8 +7,6 @@ from rnc_pin.verdict import FindingKind as FindingKind
 from rnc_pin.verdict import Severity as Severity
 from rnc_pin.verdict import Verdict as Verdict
 
-from .closed_loop import free_motion as free_motion
-from .closed_loop import simulate as simulate
 from .derived_quantities import output_names as output_names
 from .judgement import distance_findings as distance_findings
 from .judgement import judge as judge
@@ -49,6 +47,8 @@ from .run_info import Provenance as Provenance
 from .run_info import RunInfo as RunInfo
 from .run_info import TaskNames as TaskNames
 from .run_info import provenance_of as provenance_of
+from .sampled_run import free_motion as free_motion
+from .sampled_run import simulate as simulate
 from .simulation_options import Observer as Observer
 from .simulation_options import RunArguments as RunArguments
 from .simulation_options import Sample as Sample
