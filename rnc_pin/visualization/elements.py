@@ -245,12 +245,12 @@ def _cylinder(middle: np.ndarray, along: np.ndarray, height: float, radius: floa
 
 
 class OverlayRow(NamedTuple):
-    """Number on the overlay: its label, unit, value and optional colour."""
+    """Number on the overlay: its label, unit and value, and whether a chip shows it in the colour of a margin."""
 
     label: str
     unit: str
     value: Callable[[DrawnState], float]
-    color: Callable[[DrawnState], np.ndarray] | None = None
+    chip: bool = False
 
 
 class Overlay:
@@ -291,13 +291,11 @@ class Overlay:
         most_errors = 5  # the overlay covers a part of the picture
         self.rows = [OverlayRow("time", "s", lambda state: state.time), *errors[:most_errors]]
         if margin:
-            self.rows.append(
-                OverlayRow("singularity margin", "", lambda each: each.margin, lambda each: margin_color(each.margin))
-            )
+            self.rows.append(OverlayRow("singularity margin", "", lambda state: state.margin, chip=True))
 
     def labels(self) -> list[dict[str, Json]]:
         """Labels of the rows, as ``page.js`` reads them."""
-        return [{"label": row.label, "unit": row.unit, "chip": row.color is not None} for row in self.rows]
+        return [{"label": row.label, "unit": row.unit, "chip": row.chip} for row in self.rows]
 
     def values(self, state: DrawnState) -> tuple[list[float], list[str | None]]:
         """Values and colours of the rows at a state.
@@ -306,19 +304,20 @@ class Overlay:
             state: the state.
         """
         values = [float(row.value(state)) for row in self.rows]
-        colors = (None if row.color is None else (255 * row.color(state)).round().astype(np.uint8) for row in self.rows)
-        return values, [None if color is None else f"#{color.tobytes().hex()}" for color in colors]
+        pairs = zip(self.rows, values, strict=True)
+        return values, [margin_color(value) if row.chip else None for row, value in pairs]
 
 
-def margin_color(margin: float) -> np.ndarray:
-    """Colour (3,) for the smallest singular value of E on a log scale: vermillion near a singularity, blue far away.
+def margin_color(margin: float) -> str:
+    """Colour "#rrggbb" for the smallest singular value of E, on a log scale: vermillion near a singularity, else blue.
 
     Args:
         margin: smallest singular value of E; NaN if it is unknown.
     """
-    stops = np.array([[0xD5, 0x5E, 0x00], [0xE6, 0x9F, 0x00], [0x56, 0xB4, 0xE9], [0x00, 0x72, 0xB2]]) / 255
+    stops = np.array([[0xD5, 0x5E, 0x00], [0xE6, 0x9F, 0x00], [0x56, 0xB4, 0xE9], [0x00, 0x72, 0xB2]])
     where = np.interp(np.log10(max(margin, 1e-6) if np.isfinite(margin) else 1e-6), [-2.3, -0.3], [0.0, 3.0])
-    return np.array([np.interp(where, np.arange(4), channel) for channel in stops.T])
+    color = np.array([np.interp(where, np.arange(4), channel) for channel in stops.T])
+    return f"#{color.round().astype(np.uint8).tobytes().hex()}"
 
 
 # ---------------------------------------------------------------------- kinematics of a scene

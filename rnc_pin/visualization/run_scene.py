@@ -134,13 +134,11 @@ class RunScene:
 
     def _elements(self, first: DrawnState) -> list[e.Element]:
         found: list[e.Element] = [obstacle_element(each) for each in self.model.obstacles]
-        for part in (self._grounds, self._plan, self._references, self._paths, self._tracks,
+        found += ground_elements(self.reduced, self.kinematics, self._moments(50), self.size)
+        for part in (self._plan, self._references, self._paths, self._tracks,
                      self._constraints, self._switching, self._redundancy, self._compared):  # fmt: skip
             found += part(first)
         return found
-
-    def _grounds(self, first: DrawnState) -> list[e.Element]:
-        return ground_elements(self.reduced, self.kinematics, self._moments(50), self.size)
 
     def _plan(self, first: DrawnState) -> list[e.Element]:
         plan = self._path
