@@ -147,21 +147,18 @@ def plot_limits(
 
 
 def _distances(replay: LimitReplay) -> tuple[Series, ...]:
-    found: dict[str, Series] = {}
     active_distance = 0.02  # [m]
+    # A body may have several shapes: the nearest of each pair of bodies is drawn.
+    columns: dict[str, list[int]] = {}
     for k, each in enumerate(replay.clearances):
-        name = " / ".join(each.names)
-        if name in found:
-            continue  # another shape of the same two bodies, which is farther
-        if len(found) == MAX_LINES:
-            break
-        # A body may have several shapes: the nearest of each pair of bodies is drawn.
-        same = [j for j, other in enumerate(replay.clearances) if other.names == each.names and j >= k]
+        columns.setdefault(" / ".join(each.names), []).append(k)
+    found = []
+    for name, same in list(columns.items())[:MAX_LINES]:
         values = replay.distances[:, same].min(axis=1)
         # Beyond, distances are only lower bounds: the line is left out.
         values = np.where(values < replay.within, values, np.nan)
-        found[name] = Series(name, values, active=values < active_distance)
-    return tuple(found.values())
+        found.append(Series(name, values, active=values < active_distance))
+    return tuple(found)
 
 
 def _uses(replay: LimitReplay) -> tuple[Series, ...]:
