@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
@@ -68,14 +68,6 @@ class Panel:
     log: bool = False
     bottom: float | None = None
     mark: float | None = None
-
-    @property
-    def words(self) -> Iterator[str]:
-        """Names that a label can replace."""
-        yield self.quantity
-        for each in self.series:
-            yield each.name
-            yield from each.compared
 
 
 @dataclass(frozen=True)
@@ -203,14 +195,13 @@ class Sheet:
         """
         return inches * 72.0 / self.font
 
-    def grid(self, axes: int, places: int | None = None) -> Grid:
-        """Grid for a number of axes, which need as many places if no other number is given.
+    def grid(self, axes: int, places: int) -> Grid:
+        """Grid for a number of axes.
 
         Args:
             axes: number of axes.
             places: number of places that they need.
         """
-        places = axes if places is None else places
         screen_rows = (4, 5, 6)  # largest number of rows in figures for the screen of one, two, and more columns
         screen_widths = (8.0, 7.0)  # of a column in figures for the screen of one and of several columns [inches]
         least_panel = 28.0  # width in sizes of the text
@@ -236,7 +227,7 @@ class Sheet:
             aspect: height over width of the view; None without a view.
         """
         if aspect is None:
-            return self.grid(max(1, panels)), 0
+            return self.grid(max(1, panels), max(1, panels)), 0
         view_rows = 2  # largest number of rows of a view beside panels
         most = view_rows if panels else view_rows + 1
         legend = 15.0  # width of a legend beside axes, in sizes of the text

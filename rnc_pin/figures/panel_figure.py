@@ -24,7 +24,7 @@ from matplotlib.ticker import NullLocator
 from matplotlib.transforms import Affine2D
 
 from rnc_pin.figures import style as st
-from rnc_pin.figures.panel import LABEL_ROOM, MAX_LINES, Labels, Panel, Series, Sheet
+from rnc_pin.figures.panel import LABEL_ROOM, MAX_LINES, Labels, Panel, Sheet
 from rnc_pin.printing import printed
 
 
@@ -124,12 +124,17 @@ def _draw(
 ) -> tuple[list[st.LegendEntry], str]:
     """Draw a panel. Return the entries and the title of its legend: lines by name, then runs."""
     count, note = len(panel.series), st.escape(panel.note)
-    own = [_draw_series(axes, series, k, count, time) for k, series in enumerate(panel.series)]
-    entries = [
-        st.LegendEntry(texts.of(series) + (" (active)" if _is_active(series) else ""), [line])
-        for series, line in zip(panel.series, own, strict=True)
-    ]
-    runs = []
+    own, entries, runs = list[Line2D](), list[st.LegendEntry](), list[st.LegendEntry]()
+    active_width = 5.0  # of the pale line at active samples [points]
+    for k, series in enumerate(panel.series):
+        line = st.line(axes, k, count if series.active is None else MAX_LINES, time, series.values)
+        text = texts.of(series)
+        if series.active is not None and series.active.any():
+            marked, width = np.where(series.active, series.values, np.nan), st.points(active_width)
+            axes.plot(time, marked, color=line.get_color(), lw=width, alpha=0.4, solid_capstyle="round")
+            text += " (active)"
+        own.append(line)
+        entries.append(st.LegendEntry(text, [line]))
     for number, (dashes, label) in enumerate(st.dashes(compared)):
         lines = []
         for k, series in enumerate(panel.series):
@@ -157,20 +162,6 @@ def _draw_desired(
     """Draw desired lines (x, y), and return their legend entry."""
     drawn = [axes.plot(x, y, color="black", ls=st.DOTS, lw=st.points(1.3))[0] for x, y in lines]
     return [st.LegendEntry(texts.text("desired"), drawn[:1])] if drawn else []
-
-
-def _draw_series(axes: Axes, series: Series, k: int, count: int, time: np.ndarray) -> Line2D:
-    """Draw the k-th line of a panel with its active samples."""
-    line = st.line(axes, k, MAX_LINES if series.active is not None else count, time, series.values)
-    active_width = 5.0  # of the pale line at active samples [points]
-    if series.active is not None and _is_active(series):
-        marked = np.where(series.active, series.values, np.nan)
-        axes.plot(time, marked, color=line.get_color(), lw=st.points(active_width), alpha=0.4, solid_capstyle="round")
-    return line
-
-
-def _is_active(series: Series) -> bool:
-    return series.active is not None and bool(series.active.any())
 
 
 def _limit_axis(axes: Axes, panel: Panel) -> None:

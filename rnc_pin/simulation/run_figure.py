@@ -149,7 +149,9 @@ def run_name(run: RunData, comparisons: Others) -> str:
 
 def _label_names(run: RunData, comparisons: Others) -> list[str]:
     """Names that labels of the figures of a run can replace: axes, lines, paths and runs."""
-    words = [word for make in QUANTITIES.values() for panel in make(run, comparisons) for word in panel.words]
+    words = [
+        word for each in panels(run, comparisons) for word in (each.quantity, *(line.name for line in each.series))
+    ]
     outputs, origin = run.info.outputs, run.info.provenance
     named = [*outputs.x2.names, *outputs.x1.names, *outputs.T.names, *origin.estimates, *origin.predicted]
     return [*named, *words, *(path.name for path in compared_paths(run, comparisons).own), *comparisons, *_FIXED]
