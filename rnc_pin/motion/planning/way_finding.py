@@ -284,15 +284,11 @@ def goal_configurations(
     # The check asks for one tolerance beyond the clearance; at its very limit, rounding would decide about a goal.
     clearance = 0.0 if checker is None else checker.clearance + 2 * checker.tolerance
 
-    bounds, (low, high) = TangentBounds(reduced.robot, settings.hold), np.full((2, reduced.n), [[-np.pi], [np.pi]])
-    ends = [bounds.lower, bounds.upper] - start[bounds.q_index]
-    low[bounds.v_index], high[bounds.v_index] = np.clip(ends, -np.pi, np.pi)
+    low, high = np.clip(TangentBounds(reduced.robot, settings.hold).room(start), -np.pi, np.pi)
 
     def drawn(generator: np.random.Generator) -> Array:
         """Random configuration near the start: joints within their limits, and not at them."""
-        step = generator.uniform(low, high)
-        step[bounds.held] = 0.0
-        return np.asarray(pin.integrate(reduced.robot.model, start, step))
+        return np.asarray(pin.integrate(reduced.robot.model, start, generator.uniform(low, high)))
 
     def reached(begin: Array, starts: int, besides: CollisionDistances | None = None) -> tuple[IkResult, Array, str]:
         """Result of inverse kinematics, its configuration as the end of an exact motion, and the problem with it."""
@@ -316,9 +312,8 @@ def goal_configurations(
 
     generator = np.random.default_rng(seed)
     for attempt in count():
-        enough = (
-            settings.goals if attempt < _DRAWN * settings.goals else 1
-        )  # a goal that few configurations reach is satisfied with one
+        # A goal that few configurations reach is satisfied with one.
+        enough = settings.goals if attempt < _DRAWN * settings.goals else 1
         if len(found) >= enough or (attempt and time.monotonic() - begun > settings.seconds / 2):
             break
         begin = drawn(generator) if attempt else start
