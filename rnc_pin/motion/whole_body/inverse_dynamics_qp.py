@@ -310,9 +310,8 @@ class InverseDynamicsQP(WholeBodyProgram):
         braked = braked._replace(reason=f"{braked.reason} otherwise")
         what = "a verified braking motion took the place of the program"
         found = braked.findings(FindingKind.BRAKING, "program", what, samples)
-        found += unverified.findings(
-            FindingKind.BRAKING, "verification", "no braking motion could be verified", samples
-        )
+        what = "no braking motion could be verified"
+        found += unverified.findings(FindingKind.BRAKING, "verification", what, samples)
         # Limits of motion that the run exceeds by the model since its start, with the largest amounts.
         for name, amount in zip(self._limits.names, own.worst_exceeded.tolist(), strict=False):
             if amount > SHORTFALL:
@@ -441,7 +440,7 @@ class InverseDynamicsQP(WholeBodyProgram):
         if self._reduced.affine:
             offset = offset + end.b
         (r, p), k, motions, ground = motion.shape, len(tasks.roots), len(limits.lower), len(contacts.upper)
-        width, forces = p + contacts.unknowns, motions + len(efforts)
+        width, forces = contacts.rows.shape[1], motions + len(efforts)
         rows, rates, levers = np.zeros((k + r, width)), np.empty(k + r), np.zeros(len(tasks.ends))
         bounds, (lower, upper) = np.zeros((forces + ground, width)), (sides := np.empty((2, forces + ground)))
         table = tasks.roots, tasks.squares, tasks.curvature, decay, end.E_inverse, offset, start.v, of_v2, wanted

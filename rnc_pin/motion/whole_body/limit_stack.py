@@ -34,8 +34,6 @@ class ContactBounds(NamedTuple):
 
     rows: Float[Array, "k x"]
     upper: Float[Array, " k"]
-    unknowns: int
-    """Number of undetermined contact forces z."""
 
 
 class ContactCones:
@@ -73,7 +71,7 @@ class ContactCones:
         for place, along in self._gripping:
             names += [f"{self._forces.names[place]} friction"] * (2 if along == 1 else _SIDES)
         self.names = tuple(names)
-        self._none = ContactBounds(np.zeros((0, reduced.p)), np.zeros(0), 0)
+        self._none = ContactBounds(np.zeros((0, reduced.p)), np.zeros(0))
         if self.names:  # with all constraint rows as outputs; made now, as it takes longer than a sample
             rows = cast("OutputStack", reduced.all_constraints)
             self._measuring = evaluator_for(reduced.reduction_data.measuring(rows), reduced.evaluator)
@@ -91,7 +89,7 @@ class ContactCones:
         # All contact forces: constant part, gain of T, gain of z.
         unknowns = np.column_stack([inverse @ needed[0], inverse @ (needed[1:] - needed[0]).T, right[rank:].T])
         whole = self._conditions @ unknowns
-        return ContactBounds(whole[:, 1:], -whole[:, 0], unknowns.shape[1] - 1 - p)
+        return ContactBounds(whole[:, 1:], -whole[:, 0])
 
     def excess(self, states: StateEvaluation, T: Float[Array, "N p"]) -> Float[Array, " k"]:
         """Largest amount by which each condition fails at states (N,) under inputs, for the best forces."""
