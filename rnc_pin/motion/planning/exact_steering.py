@@ -210,10 +210,6 @@ class _AxleSteering(Steering):
         self._forward = forward if along > 0.0 else -forward  # a unit vector, as a complex number
         self._point = float(row[2]) / abs(across) * forward  # on the axle, nearest to the origin of the base
 
-    def axle_velocity(self, base: Float[Array, " 3"]) -> tuple[float, float]:
-        """Forward and turning speed of the axle, which is straight ahead of the base, for velocities of the base."""
-        return (complex(base[0], base[1]) / self._forward).real, float(base[2])
-
     def driven(self, length: float, turn: float) -> Float[Array, " nv"]:
         """Displacement of the base along an arc, or on the spot; all other joints stand."""
         step, moved = np.zeros(len(self.planned)), length * self._forward - 1j * turn * self._point
@@ -325,7 +321,8 @@ class CarSteering(_AxleSteering):
         except SingularityError:
             return np.nan
         # The rows leave one direction of the base, whatever the reducing outputs: the first singular vector.
-        speed, turn = self.axle_velocity(np.linalg.svd(R[:3])[0][:, 0])
+        x, y, turn = np.linalg.svd(R[:3])[0][:, 0]
+        speed = (complex(x, y) / self._forward).real  # of the axle
         held = (low >= high) | ((q[led] > low - _EXACT) & (q[led] < high + _EXACT))
         return float(turn / speed) if abs(speed) > 1e-6 and held.all() else np.nan
 

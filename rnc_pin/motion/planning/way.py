@@ -206,10 +206,6 @@ class Way:
         seen = 1.0  # [m]; the narrowest place is looked for within this distance
         return self.checker.narrowest(self.time, self.q, seen)
 
-    @cached_property
-    def _manifold(self) -> ConfigurationManifold:
-        return ConfigurationManifold(self.reduced.robot.model)
-
     def at(self, t: ArrayLike) -> Float[Array, "*k nq"]:
         """Configurations (..., nq) at times [s]; those of the ends before and after the way.
 
@@ -223,7 +219,7 @@ class Way:
             k = self._before(times)
             v, since = self.v[k], (times - self.time[k])[:, None]
             if self.geodesic:  # no evaluation of the rows: the check of distances asks for many times
-                found = self._manifold.integrate(self.q[k], since * v)
+                found = ConfigurationManifold(self.reduced.robot.model).integrate(self.q[k], since * v)
             else:
                 planned = None if self.info.steering == "propagated" else self.planned
                 u = np.matvec(self.reduced.at(self.q[k]).J2, v) if planned is None else v[:, planned]

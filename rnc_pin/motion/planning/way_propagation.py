@@ -73,12 +73,8 @@ class PropagatedSearch:
     """
 
     def __init__(self, task: WayTask) -> None:
-        self._flow, self._task, self._planned, self._checker = (
-            KinematicFlow(task.reduced),
-            task,
-            task.planned,
-            task.checker,
-        )
+        self._flow, self._task = KinematicFlow(task.reduced), task
+        self._planned, self._checker = task.planned, task.checker
         model = task.reduced.robot.model
         low, high = np.array(model.lowerPositionLimit), np.array(model.upperPositionLimit)
         limited = (low < high) & (low > -NO_LIMIT) & (high < NO_LIMIT)
