@@ -139,9 +139,10 @@ def find_way(
     checker = way_checker(reduced.robot, start, obstacles, selection, apart)
     budget = SearchBudget(settings.seconds, settings.motions)
     check_configuration(reduced, checker, start, "start")
-    places = np.vstack([start, goal_configurations(goal, start, steering, reduced, checker, settings, seed)])
+    goals = goal_configurations(goal, start, steering, reduced, checker, settings, seed)
+    places = np.vstack([start, goals])
     area = base_area(reduced, 0.0 if steering is None else steering.radius, places, obstacles, checker, settings.area)
-    task = WayTask(reduced, planned, checker, places, area, budget)
+    task = WayTask(reduced, planned, checker, start, goals, area, budget)
     search = PropagatedSearch(task) if steering is None else WaySearch(steering, task)
     motion = _fastest(search, task, settings, seed)
     if motion is None:
@@ -153,7 +154,7 @@ def find_way(
         if follow is not None and not follow.holds_with(steering.along(start, motion.steps), ~planned):
             raise InfeasibleError("find_way: wheels or casters that follow collide on the way: they are not round")
     kind = "propagated" if steering is None else steering.kind
-    info = WayInfo(kind, budget.elapsed, budget.motions, len(places) - 1)
+    info = WayInfo(kind, budget.elapsed, budget.motions, len(goals))
     return way_along(reduced, planned, checker, motion, info)
 
 

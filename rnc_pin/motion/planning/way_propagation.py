@@ -19,7 +19,7 @@ from rnc_pin.motion.planning.action_models import KinematicFlow, Shots
 from rnc_pin.motion.planning.exact_steering import ExactMotion, base_axes
 from rnc_pin.motion.planning.way import drive_times
 from rnc_pin.motion.planning.way_search import WayTask
-from rnc_pin.robots.joint_values import NO_LIMIT
+from rnc_pin.robots.joint_values import limited_positions
 
 DEVIATION = 5e-4
 """Largest distance [m] between a motion and the geodesics between its nodes, which are checked for collisions."""
@@ -76,12 +76,11 @@ class PropagatedSearch:
         self._flow, self._task = KinematicFlow(task.reduced), task
         self._planned, self._checker = task.planned, task.checker
         model = task.reduced.robot.model
-        low, high = np.array(model.lowerPositionLimit), np.array(model.upperPositionLimit)
-        limited = (low < high) & (low > -NO_LIMIT) & (high < NO_LIMIT)
-        self._low, self._high = np.where(limited, low, -np.inf), np.where(limited, high, np.inf)
+        self._limits = limited_positions(task.reduced.robot, None)
         joints = 0.5  # [m]; metric: joints count as a path of this length for 1 rad
         self._weights = np.where(task.planned, joints, 0.0)  # a wheel that follows is as near at any angle
-        self._box = np.where(limited, [low, high], task.start + np.array([[-np.pi], [np.pi]]))
+        self._box = task.start + np.array([[-np.pi], [np.pi]])
+        self._box[:, self._limits.q] = self._limits.lower, self._limits.upper
         if size := base_axes(model):
             self._weights[: model.joints[1].nv] = 1.0
             self._box[:, :size] = task.area[:, :size]
@@ -173,7 +172,8 @@ class PropagatedSearch:
 
     def _within(self, q: Float[Array, "*n k nq"]) -> Bool[Array, "*n"]:
         """True for motions within the position limits."""
-        return np.asarray(((q >= self._low - 1e-9) & (q <= self._high + 1e-9)).all(axis=(-2, -1)))
+        own, limits = q[..., self._limits.q], self._limits
+        return np.asarray(((own >= limits.lower - 1e-9) & (own <= limits.upper + 1e-9)).all(axis=(-2, -1)))
 
     def _clear(self, q: Float[Array, "k nq"]) -> bool:
         """True if configurations are far enough from all obstacles; the last ones are looked at first."""

@@ -101,7 +101,7 @@ class WaySpace:
 
     def _range(self, entry: int, kind: str, tight: bool) -> tuple[float, float]:
         """Range of a joint in the space: its limits, which start and goals are within."""
-        own = self._task.places[:, entry]
+        own = np.append(self._task.goals[:, entry], self._task.start[entry])
         first, last = float(own.min()), float(own.max())
         if tight:  # OMPL refuses a range of length zero
             return first - 1e-9, last + 1e-9
@@ -211,7 +211,8 @@ class WayTask:
         reduced: the model.
         planned: mask (nv,) of the velocities whose joints end at the goal; all others follow.
         checker: check of motions.
-        places: configurations (n, nq): the start and the goals.
+        start: start (nq,).
+        goals: goals (n, nq).
         area: smallest and largest coordinates (2, 3) of the base [m].
         budget: what the search may take; it counts the motions that are checked.
     """
@@ -219,19 +220,10 @@ class WayTask:
     reduced: ReducedModel
     planned: Bool[Array, " nv"]
     checker: WayChecker | None
-    places: Float[Array, "n nq"]
+    start: Float[Array, " nq"]
+    goals: Float[Array, "n nq"]
     area: Float[Array, "2 3"]
     budget: SearchBudget
-
-    @property
-    def start(self) -> Float[Array, " nq"]:
-        """Start."""
-        return self.places[0]
-
-    @property
-    def goals(self) -> Float[Array, "n nq"]:
-        """Goals."""
-        return self.places[1:]
 
     @cached_property
     def speeds(self) -> Float[Array, " nv"]:

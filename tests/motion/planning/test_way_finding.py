@@ -302,7 +302,7 @@ def test_each_shortcut_makes_a_way_faster_by_a_thousandth_at_least():
     places = np.array([at_pose(reduced, *each) for each in ((0.0, 0.0), (2.0, 2.0, 1.0), (4.0, 0.0))])
     steering = rnc.planning.find_steering(reduced, places[0])
     area, budget = np.array([[-9.0] * 3, [9.0] * 3]), SearchBudget(9.0)
-    search = WaySearch(steering, WayTask(reduced, steering.planned, None, places[[0, 2]], area, budget))
+    search = WaySearch(steering, WayTask(reduced, steering.planned, None, places[0], places[2:3], area, budget))
     detour = search._joined(places)
     ways = [search.shortened(detour, tries, seed=3) for tries in range(40)]
     times = [np.abs(way.steps[:, [0, 2]]).max(axis=1).sum() for way in ways]
@@ -322,7 +322,7 @@ def test_states_of_the_search_are_configurations(base):
     reduced = rnc.NonholonomicSystem(rnc.Robot(model), []).reduce()
     both = np.array([reduced.robot.random_configuration(np.random.default_rng(k)) for k in (0, 1)])
     steering, area = rnc.planning.find_steering(reduced, both[0]), np.array([[-9.0] * 3, [9.0] * 3])
-    ways = WaySpace(steering, WayTask(reduced, steering.planned, None, both, area, SearchBudget(9.0)))
+    ways = WaySpace(steering, WayTask(reduced, steering.planned, None, both[0], both[1:], area, SearchBudget(9.0)))
     ways.space.setup()
     state = ways.space.allocState()
     ways.write(state, both[1])

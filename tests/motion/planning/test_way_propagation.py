@@ -14,7 +14,7 @@ def search_of(count):
     reduced, generator = tractor(1), np.random.default_rng(3)
     q = np.array([reduced.random_configuration(generator, 0.4) for _ in range(count)])
     area, every = np.array([[-9.0, -9.0, -9.0], [9.0, 9.0, 9.0]]), np.ones(5)
-    return PropagatedSearch(WayTask(reduced, every > 0, None, q[:2], area, SearchBudget(9.0))), q
+    return PropagatedSearch(WayTask(reduced, every > 0, None, q[0], q[1:2], area, SearchBudget(9.0))), q
 
 
 @pytest.mark.parametrize("loose", [1.0, 7.0])
