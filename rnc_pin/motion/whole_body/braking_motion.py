@@ -415,9 +415,8 @@ class Braking:
 
     def exceeded(self, state: StateEvaluation, t: float) -> Float[Array, " k"]:
         """Amount by which a state exceeds each limit of motion."""
-        found = np.zeros(len(self._names))
-        found[: len(self._limits.names)] = self._limits.exceeded(state, t)
-        return found
+        others = np.zeros(len(self._names) - len(self._limits.names))
+        return np.concatenate([self._limits.exceeded(state, t), others])
 
     def _law(
         self, state: StateEvaluation, t: float, contacts: ContactBounds, together: bool

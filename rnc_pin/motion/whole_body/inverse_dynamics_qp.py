@@ -418,12 +418,10 @@ class InverseDynamicsQP(WholeBodyProgram):
     def _reached(self, program: _SampleProgram, found: InputSolution) -> BrakedSample:
         """End of a sample under the inputs of a solution, and the limits that it exceeds."""
         end = found.end or self._end(program.sample.start, found.T)[0]
-        exceeded = np.zeros(len(self.limit_names))
         turning = self._turning_velocities(program.sample.start, end)
-        exceeded[: len(self._limits.names)] = self._limits.exceeded(end, program.sample.time, program.rows, turning)
-        # Forces of the ground follow from the inputs, not from the state at the end.
-        ground = self._forces[1]
-        exceeded[ground] = found.excess[ground]
+        motion = self._limits.exceeded(end, program.sample.time, program.rows, turning)
+        # Forces of the ground follow from the inputs, not from the state at the end. No input exceeds its limit.
+        exceeded = np.concatenate([motion, np.zeros(len(self._efforts)), found.excess[self._forces[1]]])
         return BrakedSample(found.T, end.q, end.v2, exceeded)
 
     def _posed(self, t: float, program: _SampleProgram) -> tuple[TaskLevels, SampledDamping, ProgramBounds]:

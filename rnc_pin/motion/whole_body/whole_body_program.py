@@ -341,8 +341,7 @@ class VelocityQP(WholeBodyProgram):
         dt = self.dt or elapsed or state.interval
         x1, x2 = self._desired(t)
         if not dt:  # the first sample: no interval is known
-            still = state._replace(time=t)
-            return VelocityTarget(v2, np.zeros_like(v2), x1, x2), still
+            return VelocityTarget(v2, np.zeros_like(v2), x1, x2), state._replace(time=t)
         sample = ControlSample(self._reduced, t, q, v2, dt)
         solution = self.solve(sample, state.multipliers)
         v2_dot = (solution.v2 - v2) / dt
