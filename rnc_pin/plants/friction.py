@@ -225,9 +225,6 @@ class DissipativeStep:
     def _step(self, q: Array, y: Array, T: Array, h: float) -> tuple[Array, Array, float]:
         """State after one step, and the roughness, by NumPy."""
         limits = self.friction.limits
-        if not len(limits):
-            linear, _ = self._linear(self._dynamics.at(q, y), T)
-            return self._smooth(q, y, T, limits, limits > 0.0, linear, h)
         # A bound of two stops a row: the rest of the step then has no more events.
         events, remaining, roughness = 2 * len(limits), h, 0.0
         short = 1e-6  # time to rest below which a row counts as stopped, relative to the step
@@ -235,7 +232,7 @@ class DissipativeStep:
             state = self._dynamics.at(q, y)
             linear, w_dot = self._linear(state, T)
             friction = self.friction.forces_in_step(state, w_dot, linear, remaining)
-            first = float(friction.stops.min())
+            first = float(friction.stops.min(initial=np.inf))
             if events and remaining <= first < np.inf:  # a row comes to rest at the end of the step
                 y = self._stopped(state, y, friction.resting)
                 q, y, _ = self._smooth(q, y, T, self._sliding_forces(friction), friction.resting, linear, remaining)
