@@ -197,11 +197,6 @@ class Substeps(NamedTuple):
             raise InputError(f"tolerance of a plant has to be a positive number, found {tolerance!r}")
         return cls(None if number is None else int(number), float(tolerance))
 
-    @property
-    def followed(self) -> float:
-        """Error per second above which a sample is compared; a fixed number does not follow the tolerance."""
-        return self.tolerance if self.number is None else np.inf
-
 
 class IntegrationErrors(NamedTuple):
     """Estimated errors of a run, and its choice of substeps. Those of B runs are arrays (B,).

@@ -98,7 +98,8 @@ class ReducedPlant(ReprMixin):
     ) -> None:
         self._substeps = Substeps.checked(substeps, tolerance)
         self.reduced, (self.substeps, self.tolerance) = reduced, self._substeps
-        self.followed = self._substeps.followed
+        # A fixed number does not follow the tolerance.
+        self.followed = self.tolerance if self.substeps is None else np.inf
         self.joint_damping, self.actuator_limits, self.joint_friction = joint_damping, actuator_limits, joint_friction
         self.dynamics = ConstrainedDynamics(reduced, joint_damping, actuator_limits)
         self._dissipative: DissipativeStep | None = None
