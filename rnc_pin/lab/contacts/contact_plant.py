@@ -325,8 +325,7 @@ class ContactPlant:
         changes = self._touch(stay, q, after)
         self._past_work -= loss
         self._record(cause, numbers, dict(zip(layout.names, impulses.tolist(), strict=True)), loss)
-        for what, each in changes:
-            self._record(what, each)
+        self._note(changes)
 
     def _touch(self, stay: Closed, q: np.ndarray, v: np.ndarray) -> list[tuple[str, Closed]]:
         """Go on from a state with the contacts that stay on the ground, and return the ones among them that slide."""
