@@ -9,6 +9,7 @@ A joint that turns a shape of revolution about its own axis, such as a wheel, do
 
 from __future__ import annotations
 
+import copyreg
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -176,8 +177,6 @@ class SpinningShapes:
             rotations: rotations of all shapes in the world.
             joints: rotations of all joints in the world.
         """
-        if not len(self.shapes):
-            return rotations
         # The caller keeps both: its exact poses place the shapes, the still ones bound their motion.
         still = rotations.copy()
         still[:, self.shapes] = joints[:, self._parents] @ self._rotations
@@ -220,6 +219,10 @@ class ObstacleMotion(Protocol):
     size: int
 
     def at(self, t: float) -> MotionPoint: ...
+
+
+# coal cannot pickle half spaces.
+copyreg.pickle(coal.Halfspace, lambda shape: (coal.Halfspace, (shape.n.copy(), float(shape.d))))
 
 
 @dataclass(frozen=True)
@@ -292,17 +295,9 @@ class Obstacle:
         fixed.flags.writeable = False
         object.__setattr__(self, "position", fixed)
 
-    def __getstate__(self) -> dict[str, object]:
-        """State for a pickle: coal cannot pickle half spaces."""
-        state = dict(vars(self))
-        if isinstance(self.shape, coal.Halfspace):
-            state["shape"] = self.shape.n.copy(), float(self.shape.d)
-        return state
-
-    def __setstate__(self, state: dict[str, object]) -> None:
-        shape = state["shape"]
-        vars(self).update(state, shape=coal.Halfspace(*shape) if isinstance(shape, tuple) else shape)
-        self.position.setflags(write=False)  # type: ignore[union-attr]  # __post_init__ made an array
+    def __reduce__(self) -> tuple[object, ...]:
+        """Make the same obstacle again: the array of a pickle would be writable."""
+        return type(self), tuple(vars(self).values())
 
     @property
     def unbounded(self) -> bool:
