@@ -301,11 +301,8 @@ class CollisionDistances:
         found = self._measurement.measure(near, self._at.rotations, self._at.origins)
         # All of them: a pair that is farther than asked for is bounded too, and is not measured again nearby.
         self._bounds.measured(near, found[:, 0])
-        if within < np.inf:
-            inside = found[:, 0] < within
-            if not inside.all():
-                near, found = near[inside], found[inside]
-        return self._with_rates(near, found, t)
+        inside = found[:, 0] < within
+        return self._with_rates(near[inside], found[inside], t)
 
     def edges(self, near: PairDistances, t: float = 0.0, turn: float = 0.05) -> PairDistances:
         """Further points of pairs at the last configuration, which are nearest if the first body turns a little.
