@@ -250,8 +250,5 @@ class ReducingOutputController(DescribedMixin):
         if self.monitored is not None:
             x1 = goals_at(self.monitored[1].at(t).position, self.monitored[0], measurement.x1.shape)
         v2, v2_dot = self._feedback(desired, measurement.x2, measurement.v2)
-        x2 = desired.position
-        if x2.shape != measurement.x2.shape:
-            # Measurements of many states share one reference.
-            x2 = np.broadcast_to(x2, measurement.x2.shape)
+        x2 = goals_at(desired.position, slice(None), measurement.x2.shape)  # states of a batch share one reference
         return VelocityTarget(v2=v2, v2_dot=v2_dot, x1=x1, x2=x2), None
