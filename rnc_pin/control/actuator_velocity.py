@@ -306,7 +306,8 @@ class WheelOdometry(ReprMixin):
         generator = np.random.default_rng(0)
         most = 1e-6  # part of the base in a motion that the measured joints do not show
         # Three random configurations: at a singular one the rows show less than they do elsewhere.
-        if max(self._unknown(*self.base.rows(reduced.random_configuration(generator))) for _ in range(3)) > most:
+        columns = [self._columns(*self.base.rows(reduced.random_configuration(generator))) for _ in range(3)]
+        if max(np.abs(null_space(each, _ODOMETRY_RANK)[:3]).max(initial=0.0) for each in columns) > most:
             raise ConfigurationError(
                 f"positions of {', '.join(self.measured) or 'no joint'} do not show the motion of '{frame}': expected "
                 "encoders of more joints in 'measured'"
@@ -351,10 +352,6 @@ class WheelOdometry(ReprMixin):
     def _columns(self, rows: Array, to_base: Array) -> Array:
         """Columns of the twist and of the joints that are not measured."""
         return np.hstack([rows[:, self.base.base] @ to_base, rows[:, self._hidden]])
-
-    def _unknown(self, rows: Array, to_base: Array) -> float:
-        """Largest part of the twist in a motion that the measured joints do not show."""
-        return float(np.abs(null_space(self._columns(rows, to_base), _ODOMETRY_RANK)[:3]).max(initial=0.0))
 
 
 def composed(pose: Array, increment: Array) -> Array:
