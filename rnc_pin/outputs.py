@@ -185,9 +185,6 @@ class _DirectionAngleRow(DirectionRows, OutputRows):
     def regularity(self, *directions: Sequence[Entry]) -> Entry:
         return level(directions[0])  # both angles lose their rates where the axis is vertical
 
-    def _direction(self, at: PositionKinematics) -> np.ndarray:
-        return at.rotation(self.frame)[..., self._axis]
-
     def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
         (form, value), numbers = self.in_kernel, self.directions[:, 0].tolist()
         return [KernelRow(form, (attached(model, self.frame),), (self._axis,), numbers, value=(value, 0))]
@@ -230,7 +227,7 @@ class _YawRow(_DirectionAngleRow):
         return [yaw_wrench(directions[0])]
 
     def value(self, at: PositionKinematics) -> np.ndarray:
-        x, y, _ = np.moveaxis(self._direction(at), -1, 0)
+        x, y, _ = np.moveaxis(at.rotation(self.frame)[..., self._axis], -1, 0)
         # The two-argument form tells all four quadrants, so the angle covers a full turn.
         return np.arctan2(y, x)[..., None]
 
@@ -270,7 +267,7 @@ class _TiltRow(_DirectionAngleRow):
         return [tilt_wrench(directions[0])]
 
     def value(self, at: PositionKinematics) -> np.ndarray:
-        x, y, z = np.moveaxis(self._direction(at), -1, 0)
+        x, y, z = np.moveaxis(at.rotation(self.frame)[..., self._axis], -1, 0)
         # Not arcsin(z): near a vertical axis it would lose half of the digits, and rounding of z above one gives NaN.
         return np.arctan2(z, np.hypot(x, y))[..., None]
 

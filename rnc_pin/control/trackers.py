@@ -22,7 +22,7 @@ from rnc_pin.control.feedback import apply_dead_zone, fed_back, leak, saturation
 from rnc_pin.control.gain_design import PositionGains, VelocityGains
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.math.linear_algebra import apply
-from rnc_pin.model.coordinates import Coordinates, angle_difference
+from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.model.evaluation_results import Measurement
 from rnc_pin.references.reference import Reference, ReferencePoint
 
@@ -98,6 +98,7 @@ class PositionTracker(DescribedMixin):
         self.gains = PositionGains() if gains is None else gains
         self.outputs = np.arange(reference.size) if outputs is None else np.asarray(outputs, dtype=int)
         self.angular = np.zeros(reference.size, dtype=bool) if angular is None else np.asarray(angular, dtype=bool)
+        self._coordinates = Coordinates(self.angular)
         self.gravity_compensation = np.asarray(0.0 if gravity_compensation is None else gravity_compensation, float)
         check_size(reference, len(self.outputs), "tracked")
 
@@ -116,7 +117,7 @@ class PositionTracker(DescribedMixin):
     def _error(self, desired: ReferencePoint, measurement: Measurement) -> np.ndarray:
         actual = measurement.x2[..., self.outputs]
         # The gain 1 refuses an output without a value, which would make all that is learnt NaN.
-        return fed_back(1.0, angle_difference(desired.position, actual, self.angular), actual)
+        return fed_back(1.0, self._coordinates.difference(desired.position, actual), actual)
 
     def step(self, t: float, measurement: Measurement, state: PositionState) -> tuple[Command, PositionState]:
         """Compute one sample; the sampling interval may vary.

@@ -78,7 +78,9 @@ class Coordinates:
             actual: values (..., k) [rad or m].
         """
         # Triples of rotations are overwritten below: their plain difference is no rotation.
-        error = angle_difference(desired, actual, self.angular) if self._has_angles else desired - actual
+        error = desired - actual
+        if self._has_angles:
+            error = np.where(self.angular, wrapped(error), error)
         for triple in self._triples:
             goal, here = desired[..., triple], actual[..., triple]
             if goal.ndim == here.ndim == 1:  # one state, on the hot path
@@ -168,20 +170,6 @@ class Coordinates:
                 # In place, so that the next pair compares with the vector that is already continued.
                 vector[...] = _nearest_turn(vector, previous)
         return smooth
-
-
-def angle_difference(desired: Array, actual: Array, angular: Array) -> Array:
-    """``desired - actual`` (..., k), with angles wrapped to (-pi, pi].
-
-    Args:
-        desired: goals (..., k) [rad or m].
-        actual: values (..., k) [rad or m].
-        angular: mask of the angles (k,).
-    """
-    difference = desired - actual
-    if angular.any():
-        difference = np.where(angular, wrapped(difference), difference)
-    return difference
 
 
 def arc_chord(turn: _Angle) -> tuple[_Angle, _Angle]:
