@@ -24,24 +24,6 @@ Rate = Callable[..., object]  # of q and v, or of q, v and t
 _STEPS = (0.3 * STEP, STEP, 0.1 * STEP)  # [rad or m]
 
 
-def directional_derivative(model: pin.Model, field: Field, q: Array, x: Array, step: float = STEP) -> Array:
-    """Derivative of ``field(q)`` along a tangent vector x (nv,).
-
-    Args:
-        model: Pinocchio's model of the robot.
-        field: function of one configuration.
-        q: configuration (nq,).
-        x: the tangent vector.
-        step: distance between evaluations [rad or m].
-    """
-    # Along a unit vector, so that the step has the same size for slow and for fast velocities.
-    length = np.linalg.norm(x)
-    if length == 0:
-        return np.zeros_like(field(q))
-    direction = x / length
-    return length * central_difference(lambda s: field(pin.integrate(model, q, s * direction)), step)
-
-
 def central_difference(field: Callable[[float], Array], step: float) -> Array:
     """Derivative of ``field(s)`` at zero.
 
@@ -257,5 +239,8 @@ def _difference(
 
 def _flow(model: pin.Model, values: Callable[..., Array], step: float, q: Array, v: Array, *t: float) -> Array:
     """Rate of values along v, and of time if they depend on it, by differences."""
-    rate = directional_derivative(model, lambda at: values(at, *t), q, v, step)
+    # Along a unit vector, so that the step has the same size for slow and for fast velocities.
+    speed = float(np.linalg.norm(v))
+    direction = v / speed if speed else v  # at rest all differences are zero
+    rate = speed * central_difference(lambda s: values(pin.integrate(model, q, s * direction), *t), step)
     return rate + central_difference(lambda s: values(q, *(now + s for now in t)), step) if t else rate
