@@ -274,17 +274,6 @@ def mimic_row(robot: Robot, mimic: Mimic) -> CouplingRow | None:
     return None
 
 
-def loose_mimics(robot: Robot, samples: Array) -> list[Mimic]:
-    """Mimic joints of the robot's file that rows (samples, m, nv) do not couple.
-
-    Args:
-        robot: the robot.
-        samples: constraint rows (samples, m, nv).
-    """
-    rows = ((mimic, mimic_row(robot, mimic)) for mimic in robot.mimics)
-    return [mimic for mimic, row in rows if row is not None and is_loose(row.matrix[0], samples)]
-
-
 def is_loose(row: Array, samples: Array) -> bool:
     """Return True if a row (nv,) is independent of the rows (samples, m, nv) at some configuration.
 

@@ -22,7 +22,7 @@ from rnc_pin.model.input_validation import numbers_of
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel, system_headline, system_lines
 from rnc_pin.model.reduction_data import ReductionData, VelocityRows, best_entries
-from rnc_pin.model.relative_rows import CouplingRow, is_loose, loose_mimics, mimic_rows
+from rnc_pin.model.relative_rows import CouplingRow, is_loose, mimic_row, mimic_rows
 from rnc_pin.model.rows import ConstraintKind, FrameAnchor, OutputKind, OutputStack, Rows, RowStack
 from rnc_pin.printing import ObjectSummary, SummaryMixin
 from rnc_pin.robots.joint_values import base_of, fixed_base
@@ -100,9 +100,14 @@ class NonholonomicSystem(SummaryMixin):
         # Systems with further constraints are built again from these: their rank and checks are new.
         self._given = actuators, mimic, tuple(forces)
         self.kinds = tuple(_kinds(constraints, "constraints"))
-        blocks = _numbered([kind.bind(robot) for kind in self.kinds])
-        for kind, block in zip(self.kinds, blocks, strict=True):
+        blocks, unnamed = list[Rows](), 0
+        for kind in self.kinds:
+            block = kind.bind(robot)
             block.kind = kind
+            if block.unnamed:  # rows without names are numbered through all blocks
+                block.names = tuple(f"row[{unnamed + row}]" for row in range(len(block.names)))
+                unnamed += len(block.names)
+            blocks.append(block)
         if mimic and robot.mimics:
             # A loop or a gear of the user may hold what a mimic joint repeats: one of both rows would be dependent.
             blocks += _not_implied(mimic_rows(robot, blocks), robot, blocks)
@@ -212,31 +217,28 @@ class NonholonomicSystem(SummaryMixin):
         """
         self.robot.check_unchanged()
         x1 = OutputStack([kind.bind(self.robot) for kind in _kinds(vertical, "vertical outputs")])
-        if reducing is None:
-            return self._reduced(self._entries(), x1, singularity_limit, free=True)
-        x2 = OutputStack([kind.bind(self.robot) for kind in _kinds(reducing, "reducing outputs")])
+        free = reducing is None
+        named = () if reducing is None else _kinds(reducing, "reducing outputs")
+        x2 = self._entries() if free else OutputStack([kind.bind(self.robot) for kind in named])
+        check_unique((*self.constraints.names, *x2.names, *x1.names), "duplicate output", ConstraintError)
         if x2.size != self.r:
-            check_unique((*self.constraints.names, *x2.names, *x1.names), "duplicate output", ConstraintError)
             raise ConstraintError(
                 f"{x2.size} reducing outputs ({', '.join(x2.names) or 'none'}), expected {self.r}: "
                 f"{self.n} degrees of freedom less {self.m} of the constraints"
                 f"{_still(x2, self.robot, self._samples)}"
             )
-        reduced = self._reduced(x2, x1, singularity_limit, free=False)
-        self._check_regular(reduced)
+        lengths = independence.row_scales(self.robot, self.rows, x2, self._samples)
+        rest = singularity_limit, lengths, Kinematics(self.robot), self.forces, free
+        data = ReductionData(self.robot, self.rows, tuple(self.kept), self.actuation, x2, x1, *rest)
+        reduced = ReducedModel(evaluator_for(data), self.assembly, self.dropped_rows)
+        if not free:
+            self._check_regular(reduced)
         return reduced
 
     def _summary(self) -> ObjectSummary:
         title = system_headline("NonholonomicSystem", self.robot, self.constraints)
         lines = system_lines(self.constraints, self.dropped_rows, self.actuation, self.forces)
         return ObjectSummary(title, lines)
-
-    def _reduced(self, x2: OutputStack, x1: OutputStack, limit: float, free: bool) -> ReducedModel:
-        check_unique((*self.constraints.names, *x2.names, *x1.names), "duplicate output", ConstraintError)
-        lengths = independence.row_scales(self.robot, self.rows, x2, self._samples)
-        rest = limit, lengths, Kinematics(self.robot), self.forces, free
-        data = ReductionData(self.robot, self.rows, tuple(self.kept), self.actuation, x2, x1, *rest)
-        return ReducedModel(evaluator_for(data), self.assembly, self.dropped_rows)
 
     def _entries(self) -> OutputStack:
         """Entries of v that parametrise the motion well at every sampled configuration."""
@@ -282,16 +284,6 @@ def _kinds(kinds: Sequence[_Kind], what: str) -> Sequence[_Kind]:
     return kinds
 
 
-def _numbered(blocks: list[Rows]) -> list[Rows]:
-    """Number the unnamed rows of all blocks consecutively."""
-    count = 0
-    for block in blocks:
-        if block.unnamed:
-            block.names = tuple(f"row[{count + row}]" for row in range(len(block.names)))
-            count += len(block.names)
-    return blocks
-
-
 def _sample_rows(rows: RowStack, robot: Robot, configurations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rows (samples, k, nv) and mu (samples, k), without configurations at which they are undefined."""
     samples, rates = list[np.ndarray](), list[np.ndarray]()
@@ -334,7 +326,9 @@ def _doubts(robot: Robot, blocks: Sequence[Rows], samples: np.ndarray, found: in
     They are about mimic joints and loops of the robot's file that no constraint keeps, about rows that are dependent
     only to rounding, and about rows that are nearly dependent.
     """
-    loose = [f"{mimic.joint} (of {mimic.of})" for mimic in loose_mimics(robot, samples)]
+    couplings = ((mimic, mimic_row(robot, mimic)) for mimic in robot.mimics)
+    open_ones = (mimic for mimic, row in couplings if row is not None and is_loose(row.matrix[0], samples))
+    loose = [f"{mimic.joint} (of {mimic.of})" for mimic in open_ones]
     if loose:
         yield (
             f"joints that should mimic others move independently: {few(loose)}; "
