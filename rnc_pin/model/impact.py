@@ -11,7 +11,6 @@ import numpy as np
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.errors import ConstraintError, InputError, place_of
 from rnc_pin.math.linear_algebra import apply, apply_transposed, solve_positive_definite
-from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.evaluator import evaluator_for
 from rnc_pin.model.input_validation import ArrayInput, is_number, numbers_of
 from rnc_pin.model.reduced_model import ReducedModel
@@ -160,17 +159,6 @@ def _one(values: ArrayInput, name: str) -> Array:
     return found
 
 
-def _check_assembled(assembly: Assembly, q: Array) -> None:
-    """Raise an error if a configuration violates a holonomic row."""
-    rounding = 1e-4  # [m or rad]: numbers of a file have a few digits
-    if assembly.size and np.abs(assembly.residual(q)).max() > rounding:
-        name, residual = assembly.worst(q)
-        raise InputError(
-            f"impact: the configuration violates {name} by {residual:.3g} [m or rad]: constraints appear only where "
-            "they are satisfied; reduced.assembled(q) returns such a configuration"
-        )
-
-
 def _read_only(v_before: Array, v: Array, impulses: dict[str, float], before: float, after: float) -> Impact:
     """Impact whose arrays and mapping cannot be changed."""
     for each in (v_before, v):
@@ -181,7 +169,13 @@ def _read_only(v_before: Array, v: Array, impulses: dict[str, float], before: fl
 def _regular_state(reduced: ReducedModel, q: ArrayInput, v: ArrayInput) -> StateEvaluation:
     """State in a reduction that is regular wherever the constraints have full rank."""
     state = reduced.at(_one(q, "q"), v=_one(v, "v"))
-    _check_assembled(reduced.assembly, state.q)
+    rounding = 1e-4  # [m or rad]: numbers of a file have a few digits
+    if np.abs(reduced.assembly.residual(state.q)).max(initial=0.0) > rounding:
+        name, residual = reduced.assembly.worst(state.q)
+        raise InputError(
+            f"impact: the configuration violates {name} by {residual:.3g} [m or rad]: constraints appear only where "
+            "they are satisfied; reduced.assembled(q) returns such a configuration"
+        )
     # The given outputs may be singular at q although the constraints are not.
     data = reduced.reduction_data.in_entries(best_entries(state.A, reduced.r), free=True)
     return state.in_reduction(evaluator_for(data, reduced.evaluator))

@@ -53,13 +53,12 @@ class Kinematics:
     Attributes:
         time: time of a frozen model [s]; None for others.
         current: quantities for whose state the data are current; None if there is no such state.
-        frozen: True if the time is given.
         requested: for each update, quantities that the last states were asked for, with their shapes.
         lock: held while the data are of one state.
     """
 
     def __init__(self, robot: Robot, time: float | None = None) -> None:
-        self._robot, self.time, self.frozen = robot, time, time is not None
+        self._robot, self.time = robot, time
         self.model = robot.model
         self.nv, self.zero = robot.nv, np.zeros(robot.nv)
         self.current: _Quantities | None = None

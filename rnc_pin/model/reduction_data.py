@@ -77,7 +77,7 @@ class ReductionData:
     @cached_property
     def rheonomic(self) -> bool:
         """True if states need the time."""
-        return self.rows.rheonomic and not self.kinematics.frozen
+        return self.rows.rheonomic and self.kinematics.time is None
 
     @cached_property
     def turning(self) -> bool:
