@@ -12,6 +12,7 @@ from rnc_pin._kernel.kernel_rows import FORMS_OF_FORCES, Form, KernelForce, Kern
 from rnc_pin.errors import ConstraintError, InputError
 from rnc_pin.math.linear_algebra import apply, apply_transposed
 from rnc_pin.model.coordinates import Coordinates
+from rnc_pin.model.frame_rows import triple
 from rnc_pin.model.generalized_forces import ForceGradient, PassiveForce, admit_coefficients
 from rnc_pin.model.input_validation import Numbers, Positive, Vector
 from rnc_pin.model.kinematics import OWN_AXES, WORLD_AXES, PositionKinematics, VelocityKinematics
@@ -211,10 +212,8 @@ class _Wrench(PassiveForce):
     def __init__(self, kind: Wrench, robot: Robot) -> None:
         self.name = f"wrench({kind.frame})"
         self._frame = robot.frame_id(kind.frame)
-        parts = [np.asarray(each, dtype=float) for each in (kind.force, kind.torque)]
         # A force of NaN would end a run far from here, as a divergence of the motion.
-        if any(each.shape != (3,) or not np.isfinite(each).all() for each in parts):
-            raise InputError(f"{self.name}: expected three finite components of force and of torque")
+        parts = triple(kind.force, f"{self.name}: force"), triple(kind.torque, f"{self.name}: torque")
         if kind.axes not in ("world", "own"):
             raise InputError(f"{self.name}: axes '{kind.axes}': expected 'world' or 'own'")
         self._model, self._axes = robot.model, OWN_AXES if kind.axes == "own" else WORLD_AXES
