@@ -200,8 +200,10 @@ def _value(value: object, alone: bool = False) -> str:
         return shortened(value)
     if isinstance(value, bool | int | np.integer | np.bool_):
         return str(value)
+    if isinstance(value, complex | np.complexfloating):
+        return f"{value.real:.4g}{value.imag:+.4g}j" if value.imag else f"{value.real:.4g}"
     if isinstance(value, Number | np.generic):
-        return _number(value)
+        return f"{value:.4g}"
     if isinstance(value, np.ndarray):
         if value.ndim == 1:
             return np.array2string(value, precision=4, threshold=_MOST, edgeitems=3, max_line_width=1000)
@@ -247,9 +249,3 @@ def _numbers(array: np.ndarray) -> Sequence[str]:
     if not finite.size:
         return [shape]
     return [f"{shape}, from {finite.min() + 0.0:.4g} to {finite.max() + 0.0:.4g}"]
-
-
-def _number(value: object) -> str:
-    if isinstance(value, complex | np.complexfloating):
-        return f"{value.real:.4g}{value.imag:+.4g}j" if value.imag else f"{value.real:.4g}"
-    return f"{value:.4g}"

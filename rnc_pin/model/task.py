@@ -102,13 +102,12 @@ def find_output(reduced: ReducedModel, output: object, what: str) -> tuple[Outpu
             raise ConfigurationError(f"{what} the name of an output or an output object, found {output!r}")
         stack = OutputStack([output.bind(reduced.robot)])
         return stack, np.arange(stack.size)
-    known: list[str] = []
     for each in (reduced.reducing, reduced.vertical):
-        known += each.names
         for place in each.places:
             if output in place.of(np.array(place.block.names)) and isinstance(place.block, OutputRows):
                 # The whole block, of which one row is chosen: a rotation needs its three entries for a difference.
                 return OutputStack([place.block]), np.array([place.block.names.index(output)])
+    known = *reduced.reducing.names, *reduced.vertical.names
     raise ConfigurationError(f"no output '{output}'{nearest(output, known)}")
 
 
