@@ -202,7 +202,7 @@ class BoundedCommands:
         model, k, x, rates, rows, free = self._model, self._k, self._zeros, v2, self._eye, self._zeros
         if self._evaluated:
             at = model.reduced.at(q, v2)
-            x, rates = self._outputs(at)
+            x, rates = self.outputs(at)
         if self._vertical:
             rows = np.concatenate([rows, at.A_star])
             own = at.v1 - at.A_star @ v2 if model.form == "kinematic" else at.J1 @ at.v_dot(free) + at.J1_dot @ at.v
@@ -237,16 +237,12 @@ class BoundedCommands:
                 u = u + way * ((np.clip(now, least, most) - now) / max(row @ way, _ROUNDING))
         return np.minimum(np.maximum(u, self._lower), self._upper)
 
-    def outputs(self, q: Array, v2: Array) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
+    def outputs(self, at: StateEvaluation) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
         """Return the outputs of the model, reducing ones first, and their rates; no vertical ones without a bound.
 
         Args:
-            q: configuration (nq,).
-            v2: reduced velocity (r,).
+            at: state of the model.
         """
-        return self._outputs(self._model.reduced.at(q, v2))
-
-    def _outputs(self, at: StateEvaluation) -> tuple[Array, Array]:
         x1, x2 = at.outputs()
         return (np.concatenate([x2, x1]), np.concatenate([at.v2, at.v1])) if self._vertical else (x2, at.v2)
 
@@ -341,8 +337,7 @@ class PlanFeedback(ReprMixin):
         self._reduced, self._model = reduced, fitting_model(reduced, plan)
         self.K = np.array(plan.K if K is None else K, dtype=float)
         if self.K.shape != plan.K.shape or not np.isfinite(self.K).all():
-            text = f"gains of shape {self.K.shape}, expected finite numbers {plan.K.shape}"
-            raise ConfigurationError(f"feedback: {text}")
+            raise ConfigurationError(f"feedback: gains of shape {self.K.shape}, expected finite numbers {plan.K.shape}")
         self._after = PlanEnd(self._model, plan)
         names = (*reduced.reducing.names, *reduced.vertical.names)
         self._outputs = plan.reference() if plan.info.output_names == names else None

@@ -168,7 +168,6 @@ class SetPointController(DescribedMixin):
         self._driven = self._moved if self.velocities else self._model
         """Model of the robot under the commands."""
         self.weights = self.set_point.coordinates.weights
-        self._direct = np.array(self.weights) == 1  # coordinates that single inputs move
         stated = [each for each in problem.bounds if not each.of_file]
         self._watched = [each for each in stated if each.quantity in ("output", DISTANCE)]
         self._commands = BoundedCommands(model, problem.limits, bandwidth=self.bandwidth)
@@ -333,8 +332,8 @@ class SetPointController(DescribedMixin):
         ahead, q = ahead + bias, now.q[0]
         # Nodes of the kinematic form have no velocities, and its bounds do not depend on them.
         v2, plan_v2 = (now.w[0], planned.w[0]) if self._model.nw else (state.u[k], state.u[k])
-        aims = partial(self._commands.outputs, planned.q[0], plan_v2)
-        return self._commands.nearest(u + ahead, ahead, q, v2, dt, aims, state.lack)
+        plan = partial(self.reduced.at, planned.q[0], plan_v2)
+        return self._commands.nearest(u + ahead, ahead, q, v2, dt, lambda: self._commands.outputs(plan()), state.lack)
 
     def _end_error(self, t: float, now: Nodes, state: SetPointState) -> float:
         """Largest error at the end of the plan, to which its feedback leads the model from a state [m or rad]."""
@@ -402,6 +401,6 @@ class SetPointController(DescribedMixin):
         """Reduced velocity that reduces coordinates of weight one near the goal; zero away from it."""
         if max(self.set_point.errors(q).values()) > _NEAR * self.tolerance:
             return np.zeros(self._model.r)
-        coordinates = self.set_point.coordinates
-        J = coordinates.jacobian(q)[self._direct] @ self.reduced.at(q).R
-        return -0.5 * self.braking * np.linalg.lstsq(J, coordinates.values(q)[self._direct])[0]
+        coordinates, direct = self.set_point.coordinates, np.array(self.weights) == 1  # those that single inputs move
+        J = coordinates.jacobian(q)[direct] @ self.reduced.at(q).R
+        return -0.5 * self.braking * np.linalg.lstsq(J, coordinates.values(q)[direct])[0]
