@@ -32,7 +32,7 @@ def output_nodes(
     Rotations are rotation vectors without jumps, with the derivatives of these vectors.
     """
     ends = [_measured(model, Nodes(at.q[k:][: len(at.u)], at.w[k:][: len(at.u)]), at.u) for k in (0, 1)]
-    position, velocity, acceleration = (np.stack(each, axis=1) for each in zip(*ends, strict=True))
+    position, velocity, acceleration = np.stack(ends, axis=2)
     h, r = at.duration / len(at.u), model.r
     quasi = np.flatnonzero(model.reduced.reducing.quasi)
     rates, changes = velocity[:, :, quasi], acceleration[:, :, quasi]
@@ -46,7 +46,7 @@ def output_nodes(
     return position, velocity, acceleration
 
 
-def _measured(model: ActionModel, nodes: Nodes, u: Array) -> tuple[Array, Array, Array]:
+def _measured(model: ActionModel, nodes: Nodes, u: Array) -> Float[Array, "3 n k"]:
     """Outputs, rates and accelerations at n nodes; quasi-velocities have no value yet."""
     v2 = model.velocity(nodes, u)
     v2_dot = np.zeros_like(v2) if model.form == "kinematic" else model.flow(nodes, u)[1]
@@ -55,8 +55,7 @@ def _measured(model: ActionModel, nodes: Nodes, u: Array) -> tuple[Array, Array,
     if seen.v1_offset_dot is not None:
         v1_dot = v1_dot + seen.v1_offset_dot
     pairs = (seen.x2, seen.x1), (v2, seen.v1), (v2_dot, v1_dot)
-    position, velocity, acceleration = (np.concatenate(pair, axis=1) for pair in pairs)
-    return position, velocity, acceleration
+    return np.stack([np.concatenate(pair, axis=1) for pair in pairs])
 
 
 def _continue(coordinates: Coordinates, position: Array, velocity: Array, acceleration: Array) -> None:
@@ -222,16 +221,14 @@ class PlanSearch:
                 if apart is not None and name.startswith(_RELAXED):
                     start = SequentialQuadratic(apart, settings).solve(start).iterate
                 found = replace(solve_bounded(problem, settings, start), guess=name)
+                if found.outcome != "infeasible":
+                    self._solved += 1
+                    yield [found]
+                    continue
+                self._failed.append(found)
             except RncError as error:
                 self._error = error
-                yield self._unimproved()
-                continue
-            if found.outcome == "infeasible":
-                self._failed.append(found)
-                yield self._unimproved()
-            else:
-                self._solved += 1
-                yield [found]
+            yield self._unimproved()
 
     def _refined(self, solution: Solution) -> _Made:
         """Plan of a solution, improved until its verification confirms it.
