@@ -201,14 +201,14 @@ class DistanceRows(NodeBound):
     def __init__(self, bound: DistanceBound) -> None:
         self.distances, self.clearance = bound.distances, bound.clearance
         horizon = 0.5  # [m], distance beyond the clearance from which pairs have no row
-        self._within = bound.clearance + horizon
+        within = bound.clearance + horizon
         self._count = min(bound.pairs, len(bound.distances.pairs))
         names = [f"distance ({'nearest' if k == 0 else f'nearest {k + 1}'})" for k in range(self._count)]
         super().__init__(DISTANCE, names, (bound.clearance, None), self.measured, units=["m"] * self._count)
         self._bound, self.of_file = bound, not bound.distances.obstacles
         # A solver takes values of the nodes and of the end, and derivatives at the same places after that. Distances
         # are the largest part of an iteration, so the last ones are kept.
-        self._known = lru_cache(maxsize=1000)(self._distances_at)
+        self._known = lru_cache(maxsize=1000)(lambda q, t: self.distances.at(np.frombuffer(q), t, within=within))
 
     def beyond(self, accuracy: float, start: float, goal: float) -> DistanceRows:
         """Return distances that are larger by the accuracy: a motion that falls short by as much keeps the clearance.
@@ -225,9 +225,6 @@ class DistanceRows(NodeBound):
     def at(self, q: Array, t: float) -> PairDistances:
         """Distances up to a little more than the clearance."""
         return self._known(q.tobytes(), t)  # equal bits only: a node that has moved a little is another place
-
-    def _distances_at(self, q: bytes, t: float) -> PairDistances:
-        return self.distances.at(np.frombuffer(q), t, within=self._within)
 
     def measured(self, nodes: NodeData, derivatives: bool) -> RowValues:
         """Distances of the nearest pairs, with their derivatives in any case."""
