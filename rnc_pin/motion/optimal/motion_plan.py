@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from rnc_pin.array_shapes import Array, Float
-from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.errors import ConfigurationError, place_of
 from rnc_pin.io.json import atomic_file
 from rnc_pin.io.safe_npz import ArchiveError, read_npz
 from rnc_pin.printing import Line, ObjectSummary, SummaryMixin, described, items, printed, record_summary
@@ -203,10 +203,7 @@ class MotionPlan(SummaryMixin):
         """
         names = self.info.output_names
         chosen = names if outputs is None else (outputs,) if isinstance(outputs, str) else tuple(outputs)
-        for name in chosen:
-            if name not in names:
-                raise ConfigurationError(f"no output '{name}' in the plan{nearest(name, names)}")
-        k = [names.index(name) for name in chosen]
+        k = [place_of(name, names, "the plan has no output") for name in chosen]
         return PlannedOutputs(self.time, self.position[:, :, k], self.velocity[:, :, k], self.acceleration[:, :, k])
 
     def save(self, path: str | Path) -> None:
@@ -226,15 +223,14 @@ class MotionPlan(SummaryMixin):
         path = Path(path)
         try:
             arrays = read_npz(path, [*_ARRAYS, "info"], text=["info"])
-            missing = [name for name in (*_ARRAYS, "info") if name not in arrays]
-            if missing:
-                raise ConfigurationError(f"{path}: not a plan: it has no '{missing[0]}'")
             info = _info(str(arrays.pop("info")))
             _check_shapes(arrays, info)
             return cls(**arrays, info=info)
         except FileNotFoundError:
             raise ConfigurationError(f"no file '{path}'") from None
-        except (ArchiveError, ValueError, TypeError, KeyError) as error:
+        except KeyError as error:
+            raise ConfigurationError(f"{path}: not a plan: it has no {error}") from None
+        except (ArchiveError, ValueError, TypeError) as error:
             raise ConfigurationError(f"{path}: not a plan: {error}") from None
 
 
@@ -256,6 +252,5 @@ def _check_shapes(arrays: dict[str, Array], info: PlanInfo) -> None:
     for name, shape in expected.items():
         if arrays[name].shape != shape:
             raise ConfigurationError(f"not a plan: '{name}' has shape {arrays[name].shape}, expected {shape}")
-    for name in _ARRAYS:
         if not np.isfinite(arrays[name]).all():
             raise ConfigurationError(f"not a plan: '{name}' is not finite")
