@@ -23,10 +23,11 @@ from rnc_pin.errors import ConfigurationError, few
 from rnc_pin.io import TEMPORARY_PREFIX, atomic_file, open_regular
 
 MANIFEST = ".rnc_pin"
-_RESULT = re.compile(
+is_result = re.compile(
     r"trajectory(_\w+)?\.npz|plan\.npz|summary\.json|commands\.json|scenario\.yaml|animation\.html|[^/\0]+\.(png|pdf|svg)"
     r"|calibration\.json|comparison\.json|mapping\.yaml|robot\.urdf"
-)
+).fullmatch
+"""Match of a file name; None if runs write no files of this name."""
 _MAX_SIZE = 64_000_000  # [bytes]
 
 
@@ -81,15 +82,6 @@ class Manifest:
             )
         except OSError:
             return False
-
-
-def is_result(name: str) -> bool:
-    """True if runs write files of this name.
-
-    Args:
-        name: name of a file.
-    """
-    return _RESULT.fullmatch(name) is not None
 
 
 def digest(path: Path) -> str:
