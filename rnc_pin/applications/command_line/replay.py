@@ -158,7 +158,13 @@ def replay_runs(
                 write_video(recording, video, rate, replace=force)
                 click.echo(f"wrote {video} ({video.stat().st_size / 1e6:.1f} MB)")
     if show:
-        _show(runs[0], **watching)
+        run = runs[0]
+        shown = run.drawn_model, run.scenario.content.view, run.trajectory.info, run.scenario.title
+        # Ctrl-C ends the show, and is no failure of the run.
+        with live_view(*shown, **watching) as live, suppress(KeyboardInterrupt):
+            # As often as a screen draws.
+            for state in recorded_states(run.scenario.robot, run.trajectory, rate=60.0):
+                live(state)
     if show or html or video:
         return DONE
     # The worst status: 1 if any of the runs failed.
@@ -173,15 +179,6 @@ def _judged(run: Run) -> int:
     add_verdict(summary, verdict)
     print_summary(summary)
     return report_findings(verdict, f"the run is in {run.source}")
-
-
-def _show(run: Run, **watching: Unpack[Watching]) -> None:
-    shown = run.drawn_model, run.scenario.content.view, run.trajectory.info, run.scenario.title
-    # Ctrl-C ends the show, and is no failure of the run.
-    with live_view(*shown, **watching) as live, suppress(KeyboardInterrupt):
-        # As often as a screen draws.
-        for state in recorded_states(run.scenario.robot, run.trajectory, rate=60.0):
-            live(state)
 
 
 def export_file(source: Path, file: Path, arrays: tuple[str, ...], force: bool) -> None:
