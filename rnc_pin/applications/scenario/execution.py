@@ -215,9 +215,8 @@ def draw_pictures(scenario: Scenario, result: Result, folder: Path, progress: Sh
         except KeyboardInterrupt:
             return Drawn(written, failures, interrupted=True)
         except Exception as error:
-            kind = (
-                "" if isinstance(error, RncError) else f"{type(error).__name__}: "
-            )  # "ValueError" tells where to look
+            # "ValueError" tells where to look.
+            kind = "" if isinstance(error, RncError) else f"{type(error).__name__}: "
             failures[name] = kind + (" ".join(str(error).split()) or "no reason given")
     return Drawn(written, failures)
 

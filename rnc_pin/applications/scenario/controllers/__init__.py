@@ -7,16 +7,14 @@ references that it ``follows``, its keys with their meaning under Attributes, an
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from functools import reduce
 from importlib import import_module
-from operator import or_
 from pkgutil import iter_modules
 from typing import Annotated, get_args
 
 from pydantic import BeforeValidator, Field
 
 from rnc_pin.applications.scenario.controllers.base import ControllerContext, ControllerSettings
-from rnc_pin.applications.scenario.schema.derived import ReadAs
+from rnc_pin.applications.scenario.schema.derived import either, read_as
 from rnc_pin.errors import nearest
 from rnc_pin.io import Json, Strict, wrong
 
@@ -69,9 +67,9 @@ def _check_keys(raw: object) -> object:
     return {key: value for key, value in raw.items() if key not in foreign}
 
 
-_any_type: object = reduce(or_, TYPES.values())
+_any_type = either(list(TYPES.values()))
 ControllerItem = Annotated[
-    ControllerSettings, ReadAs(Annotated[_any_type, Field(discriminator="type"), BeforeValidator(_check_keys)])
+    ControllerSettings, read_as(Annotated[_any_type, Field(discriminator="type"), BeforeValidator(_check_keys)])
 ]
 
 

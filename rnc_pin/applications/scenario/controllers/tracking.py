@@ -117,15 +117,9 @@ class TwoPhaseSettings(AdaptationSettings):
             angular=task.primary_coordinates,
             gravity_compensation=None if force is None else force[task.primary],
         )
-        outer = control.OUTER_GAINS[self.preset]
+        outer, to = self.outer, np.array(goal.to)
         stabilizer = control.UnicycleStabilizer(
-            np.array(goal.to),
-            position,
-            goal.begin,
-            k=outer.k,
-            rate=outer.rate,
-            tolerance=outer.tolerance,
-            max_speed=outer.max_speed,
+            to, position, goal.begin, k=outer.k, rate=outer.rate, tolerance=outer.tolerance, max_speed=outer.max_speed
         )
         platform = control.VelocityTracker(stabilizer, platform_gains, None if force is None else force[task.redundant])
         return BuiltController(control.SplitController([(hand, task.primary), (platform, task.redundant)], task.r))

@@ -92,7 +92,7 @@ class ClassReader:
             form = _in_files(self.forms.get(each.name, self._types[each.name]))
             default = each.default if each.default_factory is MISSING else each.default_factory()
             if isinstance(default, float) and math.isinf(default):
-                form, default = _either([form, None]), None  # files write null for infinity
+                form, default = either([form, None]), None  # files write null for infinity
             default = list(default) if isinstance(default, tuple) else default  # as a file writes it
             fields[each.name] = form, ... if default is MISSING else default
         made = _mapping(self.kind.__name__, self.kind, fields)
@@ -146,17 +146,16 @@ def one_of(names: bool = False, /, **entries: type | ClassReader) -> object:
     # The key chooses the class before anything is validated, so that a mistake has one message and not one a class.
     items = [_keyed(key, each if isinstance(each, ClassReader) else ClassReader(each)) for key, each in entries.items()]
     names_too = [typing.Annotated[str, pydantic.Tag(_NAME)]] * names
-    return ReadAs(typing.Annotated[_either(names_too + items), pydantic.Discriminator(tag_of)])
+    return read_as(typing.Annotated[either(names_too + items), pydantic.Discriminator(tag_of)])
 
 
-@dataclass(frozen=True, eq=False)
-class ReadAs:
-    """Annotation of a value that a file writes in another form than its type."""
+def read_as(form: object) -> object:
+    """Return the annotation of a value that a file writes in another form than its type.
 
-    form: object
-
-    def __get_pydantic_core_schema__(self, source: object, handler: pydantic.GetCoreSchemaHandler) -> CoreSchema:
-        return handler.generate_schema(self.form)
+    Args:
+        form: type of the value in the file.
+    """
+    return pydantic.GetPydanticSchema(lambda source, handler: handler.generate_schema(form))
 
 
 def _keyed(key: str, entry: ClassReader) -> object:
@@ -182,7 +181,7 @@ def _in_files(kind: object) -> object:
     if origin in (typing.Union, UnionType):
         # A sequence beside an array has the same numbers.
         lists = any(typing.get_origin(_bare(part)) is Sequence for part in parts)
-        return _either([_in_files(part) for part in parts if part is not np.ndarray or not lists])
+        return either([_in_files(part) for part in parts if part is not np.ndarray or not lists])
     return GenericAlias(list, tuple(map(_in_files, parts))) if origin is Sequence else kind
 
 
@@ -190,5 +189,10 @@ def _bare(kind: object) -> object:
     return typing.get_args(kind)[0] if typing.get_origin(kind) is typing.Annotated else kind
 
 
-def _either(kinds: Sequence[object]) -> object:
+def either(kinds: Sequence[object]) -> object:
+    """Return the union of types.
+
+    Args:
+        kinds: the types.
+    """
     return reduce(or_, kinds)
