@@ -130,8 +130,7 @@ def _flat(values: Array, batch: tuple[int, ...]) -> Array:
 def _stacked(found: list[StateDerivatives], reduced: ReducedModel) -> StateDerivatives:
     n, r, p = reduced.n, reduced.r, reduced.p
     shapes = ((n,), (r,), (n, n), (n, r), (r, n), (r, r), (r, p), ())
-    names = [each.name for each in fields(StateDerivatives)]
-    values = ([getattr(each, name) for each in found] for name in names)
+    values = ([getattr(each, field.name) for each in found] for field in fields(StateDerivatives))
     stacks = [np.reshape(each, (len(found), *shape)) for each, shape in zip(values, shapes, strict=True)]
     return StateDerivatives(*stacks)
 

@@ -127,10 +127,8 @@ def equilibrium(
 def _velocities(reduced: ReducedModel, v2: Velocities | None) -> tuple[Array, Array]:
     """Reduced velocities (r,), all or some of them given, and a mask (r,) of the unknown ones."""
     found, names = np.zeros(reduced.r), reduced.reducing.names
-    if v2 is None:
-        return found, np.zeros(reduced.r, dtype=bool)
     if not isinstance(v2, Mapping):
-        return vector(v2, reduced.r, "v2"), np.zeros(reduced.r, dtype=bool)
+        return found if v2 is None else vector(v2, reduced.r, "v2"), np.zeros(reduced.r, dtype=bool)
     given = [place_of(name, names, "v2: no reducing output", ModelError) for name in v2]
     found[given] = vector(np.array(list(v2.values()), dtype=float), len(v2), "v2")
     return found, ~np.isin(np.arange(reduced.r), given)

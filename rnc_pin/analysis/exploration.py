@@ -544,11 +544,10 @@ class _Exploring:
 
     @cached_property
     def _static_inputs(self) -> Array | None:
-        """Inputs (S, p) that hold the robot; None if nothing loads it, or if actuators cannot hold it."""
+        """Inputs (S, p) that hold the robot; None if actuators cannot hold it."""
         with suppress(RncError):
             state = self._reduced.at(self._q, np.zeros((len(self._q), self._reduced.r)))
-            T = np.asarray(state.allocate(state.G))
-            return T if np.abs(T).max(initial=0.0) > _ZERO else None
+            return np.asarray(state.allocate(state.G))
         return None
 
     def _order(self, use: Use) -> tuple[bool, bool, int, int, float, int]:

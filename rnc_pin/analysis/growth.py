@@ -94,7 +94,8 @@ def regular_samples(
     """
     if not is_count(samples, 1):
         raise InputError(f"samples: expected an integer of at least 1, found {samples!r}")
-    generator, found, failure, ranges = np.random.default_rng(seed), [], None, region or {}
+    generator, found, ranges = np.random.default_rng(seed), [], region or {}
+    failures = list[ConstraintError | SingularityError]()
     joints = [reduced.robot.single_joint(name, "a region needs one") for name in ranges]
     for name, ends in ranges.items():
         if not (len(ends) == 2 and np.isfinite(ends).all() and ends[0] <= ends[1]):
@@ -109,10 +110,9 @@ def regular_samples(
             found.append(q)
         # Samples that do not close or are singular are left out; only if all are does the caller learn why.
         except (ConstraintError, SingularityError) as error:
-            failure = error
+            failures.append(error)
     if not found:
-        assert failure is not None
-        raise failure
+        raise failures[-1]
     return np.stack(found)
 
 
@@ -258,7 +258,7 @@ def grow(reduced: ReducedModel, q: np.ndarray, reach: int = 0, limit: int = DEEP
 def _deeper(jets: BracketJets, basis: np.ndarray, order: int, rejected: float, reach: int) -> Growth:
     """Levels after the first brackets, from the first accurate flow time, or else from the most accurate one."""
     tried = list[tuple[float, Growth]]()
-    failure: SingularityError | None = None
+    failures = list[SingularityError]()
     fades = 0.2  # smallest ratio of the sizes of two successive levels, over the flow time
     accurate = 1e-8  # relative error of a level below which no shorter time is tried
     for time in FLOW_TIMES:
@@ -271,14 +271,13 @@ def _deeper(jets: BracketJets, basis: np.ndarray, order: int, rejected: float, r
                 drawn.append(jets.draw(order, time, generator))
                 found, error, crowded = _levels(drawn, basis, rejected, fading, reach)
         except SingularityError as singular:  # the flow reaches a singular configuration
-            failure = singular
+            failures.append(singular)
             continue
         tried.append((error, found))
         if error < accurate:
             break
     if not tried:
-        assert failure is not None
-        raise failure
+        raise failures[-1]
     return min(tried, key=lambda each: each[0])[1]
 
 

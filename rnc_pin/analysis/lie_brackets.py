@@ -99,7 +99,6 @@ class BracketJets:
         # Orthonormal at q: brackets of long and short columns would have sizes of their own.
         self._scaling = np.linalg.inv(np.linalg.qr(R)[1])
         self.generators: np.ndarray = R @ self._scaling
-        self._pairs = np.triu_indices(reduced.r, 1)
 
     def pairs(self) -> np.ndarray:
         """Return the exact brackets (nv, pairs) of two generators at q."""
@@ -230,7 +229,7 @@ class BracketJets:
 
     def _of_pairs(self, fields: np.ndarray, gradient: np.ndarray) -> np.ndarray:
         """Brackets (k, nv, pairs) of two generators."""
-        i, j = self._pairs
+        i, j = np.triu_indices(self.reduced.r, 1)
         along = np.einsum("knrd,kds->knrs", gradient, fields)  # of column r along column s
         first, second = (np.moveaxis(fields[..., each], -1, -2) for each in (i, j))
         return along[..., j, i] - along[..., i, j] + np.moveaxis(self._bracket(first, second), -1, -2)

@@ -164,8 +164,8 @@ def linearize(
     # By the pseudoinverse: of more inputs than necessary, the smallest that hold the state.
     holding = np.linalg.pinv(state.input_matrix) @ state.inverse_dynamics(np.zeros(reduced.r)) if T is None else T
     T = np.asarray(holding, float)
-    _check_steady(reduced, q, v2, T)
     derivatives = state_derivatives(reduced, q, v2, T)
+    _check_steady(reduced, v2, T, derivatives.v2_dot)
     A, B = _whole(reduced, derivatives)
     for name in cyclic:
         A[:, entries_of(reduced.robot, name)] = 0.0
@@ -187,8 +187,7 @@ def linearize(
     return Linearization(A, B, state_names, *motion, difference_error, outputs, read, kept)
 
 
-def _check_steady(reduced: ReducedModel, q: Array, v2: Array, T: Array) -> None:
-    v2_dot = reduced.forward_dynamics(q, v2, T)
+def _check_steady(reduced: ReducedModel, v2: Array, T: Array, v2_dot: Array) -> None:
     size = 1.0 + float(np.linalg.norm(reduced.robot.model.gravity.linear)) + float(v2 @ v2)
     if np.abs(v2_dot).max() > _STEADY * size:
         worst = int(np.argmax(np.abs(v2_dot)))

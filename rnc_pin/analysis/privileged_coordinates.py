@@ -168,7 +168,12 @@ def privileged_coordinates(
         >>> round(float(coordinates.norm(aside)), 6)  # 4 cm aside are as far as 0.2 m ahead
         0.2
     """
-    _refuse_affine(reduced)
+    for place in reduced.all_constraints.places:
+        if place.block.affine:
+            raise ConstraintError(
+                f"privileged coordinates: constraint '{place.block.names[0]}' is affine (ground that moves, momentum "
+                "that is not zero, or a prescribed motion): the robot moves without inputs, so q is no set point"
+            )
     center = admit_configuration(q, reduced.robot)
     kept = _kept(reduced, center, ignored)
     growth = filtration(reduced, center)
@@ -185,15 +190,6 @@ def privileged_coordinates(
     names = [str(reduced.robot.velocity_names[kept[pivot]]) for pivot in pivots]
     found = _corrected(BracketJets(reduced, center), linear, weights, kept)
     return PrivilegedCoordinates(reduced, center, names, weights, *found)
-
-
-def _refuse_affine(reduced: ReducedModel) -> None:
-    for place in reduced.all_constraints.places:
-        if place.block.affine:
-            raise ConstraintError(
-                f"privileged coordinates: constraint '{place.block.names[0]}' is affine (ground that moves, momentum "
-                "that is not zero, or a prescribed motion): the robot moves without inputs, so q is no set point"
-            )
 
 
 def _kept(reduced: ReducedModel, q: Array, ignored: Sequence[str]) -> Array:

@@ -327,8 +327,6 @@ def _pairs(samples: Sequence[np.ndarray], sign: SignOf, robot: Robot) -> list[tu
     negative = [q for q, each in zip(samples, signs, strict=True) if each < 0]
     # The rarer sign limits the number of pairs; for each, the nearest partner gives the shortest path.
     few, many = sorted((positive, negative), key=len)
-    if not few:
-        return []
     most_pairs = 8  # each costs about fifty evaluations of the bisection
     distances = [[pin.distance(robot.model, q, p) for p in many] for q in few[:most_pairs]]
     return [(q, many[int(np.argmin(row))]) for q, row in zip(few, distances, strict=False)]
