@@ -88,7 +88,13 @@ class ContactPlant:
         self._sliding: SlidingPlant | None = None
         self._force_units: dict[str, str] = {}  # of ``contact_forces``
         if any(each.contact.friction is not None for each in self._contacts):
-            _check_at_rest(self._flight.reduced)
+            reduced = self._flight.reduced
+            conserved = any(block.conserved is not None for block, *_ in reduced.constraints.places)
+            if reduced.affine or reduced.rheonomic or conserved:
+                raise ConfigurationError(
+                    "ContactPlant: with coefficients of friction, constraints of the system that move, depend on time "
+                    "or conserve a momentum are not supported"
+                )
             self._sliding = SlidingPlant(self._flight, self._contacts, self._rows)
             self._force_units = {name: "N" for each in self._contacts for name in each.names}
         self._closed = NONE
@@ -398,16 +404,6 @@ class ContactPlant:
         zero = 1e-8  # acceleration of a gap that counts as zero, relative to the robot's accelerations, plus 1
         at, limit = state.motion, zero * (1.0 + float(np.abs(v_dot).max()))
         return all(self._contacts[number].gap_acceleration(at, v_dot) >= -limit for number in others)
-
-
-def _check_at_rest(reduced: ReducedModel) -> None:
-    """Raise an error for constraints that do not support contacts with a coefficient of friction."""
-    conserved = any(block.conserved is not None for block, *_ in reduced.constraints.places)
-    if reduced.affine or reduced.rheonomic or conserved:
-        raise ConfigurationError(
-            "ContactPlant: with coefficients of friction, constraints of the system that move, depend on time or "
-            "conserve a momentum are not supported"
-        )
 
 
 class ReducedStep:
