@@ -423,7 +423,9 @@ def _no_gains(
     place = int(np.argmin(values) if singular else np.argmax(inertia.eigenvalues[:, -1]))
     time, rows = None if times is None else float(times[place]), at.dependent_rows(place)
     # The longest sampling period with gains [s]; 0 if the delay alone excludes them.
-    where, rate = _place(time, at.q[place]), slowest * float(inertia.eigenvalues.max() / inertia.eigenvalues.min())
+    when = "" if time is None else f" at t = {time:.2f} s"
+    where = f"{when} at q = [{few([f'{value:.3g}' for value in at.q[place]], 8)}]"  # the error has all positions
+    rate = slowest * float(inertia.eigenvalues.max() / inertia.eigenvalues.min())
     period = max(0.0, min(MAX_RATE_TIMES_PERIOD / rate, 2.0 * (MAX_RATE_TIMES_DELAY / rate - delay)))
     if singular:
         cause = (
@@ -444,12 +446,6 @@ def _no_gains(
     error = InfeasibleError(f"no velocity gains suit this region: {cause}{remedy}")
     error.q, error.time, error.rows, error.singular_value = at.q[place].copy(), time, rows, float(values[place])
     return error
-
-
-def _place(time: float | None, q: np.ndarray) -> str:
-    when = "" if time is None else f" at t = {time:.2f} s"
-    shown = 8  # positions in a message; the error has all
-    return f"{when} at q = [{', '.join(f'{value:.3g}' for value in q[:shown])}{', ...' if len(q) > shown else ''}]"
 
 
 def _symmetric(H: np.ndarray) -> np.ndarray:
