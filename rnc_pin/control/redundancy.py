@@ -278,7 +278,6 @@ class SteeringController(DescribedMixin):
         self.monitored = monitored
         self._follow_primary = Feedback(task.primary_coordinates, gains.k21)
         self._follow_vertical = Feedback(task.vertical_coordinates, gains.k3)
-        self._redundant = np.array(task.redundant, dtype=np.int64)
 
     def initial_state(self, measurement: Measurement) -> DrivenPath | None:
         """Return the state of the vertical reference, if any; raise an error if redundant rates move x11.
@@ -299,7 +298,7 @@ class SteeringController(DescribedMixin):
         self, t: float, measurement: Measurement, state: DrivenPath | None = None
     ) -> tuple[VelocityTarget, DrivenPath | None]:
         task, m = self.task, measurement
-        gradient = kinematic_gradient(self._reduced.at(m.q), self._redundant)
+        gradient = kinematic_gradient(self._reduced.at(m.q), task.redundant)
         slopes = np.ascontiguousarray(np.moveaxis(gradient, -1, -3))  # (..., a, k, r)
         if state is None and isinstance(self.vertical, SlitheringReference):
             raise InputError("steering along the driven path needs the last step's state, at first initial_state's")
