@@ -24,9 +24,9 @@ from rnc_pin.control.loop.loop_state import (
 from rnc_pin.control.loop.options import (
     LoopOptions,
     LoopSettings,
-    admit_controller,
     admit_limits,
-    admit_model,
+    check_controller,
+    check_model,
     check_number,
     input_of,
     unpack_step,
@@ -110,9 +110,10 @@ class ControlLoop(ReprMixin):
         self, reduced: ReducedModel, controller: Controller, dt: float, **options: Unpack[LoopOptions]
     ) -> None:
         check_number("dt", dt)
-        self.reduced, self.dt = admit_model(reduced), dt
+        check_model(reduced)
+        check_controller(controller)
+        self.reduced, self.dt, self._controller = reduced, dt, controller
         self.settings = LoopSettings.of_options(options)
-        self._controller = admit_controller(controller)
         self._observer: VelocityObserver | None = None
         if self.settings.velocity == "observer":
             cutoff = 0.3 / dt if self.settings.cutoff is None else self.settings.cutoff

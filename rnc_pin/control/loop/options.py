@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from math import isfinite
-from typing import Literal, TypedDict, TypeVar
+from typing import Literal, TypedDict
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 
 _REMEDY = "put a controller of forces over it, such as rnc.control.VelocityTracker(it) or ComputedTorque(reduced, it)"
-_T = TypeVar("_T")
 
 
 class GuardOptions(TypedDict, total=False):
@@ -95,33 +94,31 @@ class LoopSettings:
                 check_number(name, value, zero=name not in ("max_speed", "cutoff", "deadline"))
 
 
-def admit_model(reduced: object) -> ReducedModel:
-    """Return the argument if it is a reduced model.
+def check_model(reduced: object) -> None:
+    """Raise an error unless the argument is a reduced model.
 
     Raises:
-        ConfigurationError: it is not one.
+        ConfigurationError: it is none.
     """
-    if isinstance(reduced, ReducedModel):
-        return reduced
-    hint = ": call reduce() of it" if hasattr(reduced, "reduce") else ""
-    raise ConfigurationError(f"expected a ReducedModel, found {type_name(reduced)}{hint}")
+    if not isinstance(reduced, ReducedModel):
+        hint = ": call reduce() of it" if hasattr(reduced, "reduce") else ""
+        raise ConfigurationError(f"expected a ReducedModel, found {type_name(reduced)}{hint}")
 
 
-def admit_controller(controller: _T) -> _T:
-    """Return the argument if it is a controller.
+def check_controller(controller: object) -> None:
+    """Raise an error unless the argument is a controller.
 
     Raises:
-        ConfigurationError: it is neither.
+        ConfigurationError: it is none.
     """
     # A class has both methods, so the protocol would take it: it gets a message of its own.
     if isinstance(controller, type):
         raise ConfigurationError(f"the controller is the class {controller.__name__}: pass an instance of it")
-    if isinstance(controller, Controller):
-        return controller
-    raise ConfigurationError(
-        "expected a controller with initial_state and step, such as those of rnc.control, "
-        f"found {type_name(controller)}"
-    )
+    if not isinstance(controller, Controller):
+        raise ConfigurationError(
+            "expected a controller with initial_state and step, such as those of rnc.control, "
+            f"found {type_name(controller)}"
+        )
 
 
 def admit_limits(reduced: ReducedModel, limits: bool | Array) -> Array | None:
