@@ -161,14 +161,12 @@ def continued_back(poses: Float[Array, "n 3"], length: float) -> Float[Array, "m
 def path_distances(points: Float[Array, "n 2"], path: Float[Array, "m 2"]) -> Float[Array, " n"]:
     """Return the distances (n,) of points from a polyline whose segments are much shorter than its bend radii."""
     _, nearest = scipy.spatial.cKDTree(path).query(points)
-    return np.minimum(*(_to_segment(points, path, np.clip(nearest + k, 0, len(path) - 2)) for k in (-1, 0)))
-
-
-def _to_segment(points: Array, path: Array, index: Array) -> Array:
+    # Of each point, the segments before and after its nearest corner: (2, n).
+    index = np.clip(nearest + np.array([[-1], [0]]), 0, len(path) - 2)
     begin, along = path[index], path[index + 1] - path[index]
     square = np.maximum(np.vecdot(along, along), 1e-300)
     s = np.clip(np.vecdot(points - begin, along) / square, 0.0, 1.0)
-    return np.linalg.norm(points - begin - s[:, None] * along, axis=1)
+    return np.asarray(np.linalg.norm(points - begin - s[..., None] * along, axis=-1).min(axis=0))
 
 
 # ------------------------------------------------------------------ steering of a vehicle
@@ -294,23 +292,20 @@ class SteeringGeometry:
             self._refuse(f"moves while '{self._name}' turns and the vehicle stands")
         curvature = driven[2] / driven[0]
         along = self._rates(StateEvaluation(here, v=here.R[:, self._speed] / driven[0]))
-        if abs(self._slope(along, driven, curvature)) > _ROUNDED / length**2:
+        of_rates = np.array([-curvature, 0.0, 1.0]) / driven[0]  # effects of rates on the curvature
+        if abs(of_rates @ along) > _ROUNDED / length**2:
             self._refuse(f"turns by more than '{self._name}': the curvature of its path changes while it is driven")
-        slope = self._slope(rates, driven, curvature)
+        slope = float(of_rates @ rates)
         if not abs(slope) > _ROUNDED * self._largest:
             raise ConfigurationError(f"'{self._name}' does not steer frame '{self._frame}'")
         output = float(here.outputs()[1][self._steering])
-        return _Row(output, float(curvature), float(slope), float(driven[0]), float(rates[0]))
+        return _Row(output, float(curvature), slope, float(driven[0]), float(rates[0]))
 
     def _rates(self, state: StateEvaluation) -> Array:
         """Time derivative of forward, sideways and turning speed (3,) per unit rate of the speed output."""
         rates = state.motion
         W_dot = self._rows.jacobian_dot(rates) @ state.R + self._rows.jacobian(rates) @ state.R_dot
         return W_dot[:, self._speed]
-
-    @staticmethod
-    def _slope(rates: Array, driven: Array, curvature: float) -> float:
-        return float((rates[2] - curvature * rates[0]) / driven[0])
 
     def _refuse(self, why: str) -> NoReturn:
         raise ConfigurationError(f"frame '{self._frame}' cannot drive a path: it {why}")
