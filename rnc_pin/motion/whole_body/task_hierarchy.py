@@ -508,11 +508,6 @@ def solve_cascade(
     curved = [np.flatnonzero(each) for each in levels.split(sampled.curved)]
     free, unknowns = _FreeDirections(np.zeros(r), np.eye(r), np.zeros(r)), None
     slow: tuple[Array, float] | None = None
-
-    def keeps(point: Array) -> bool:
-        reached = rows @ point
-        return bool((reached <= high).all() and (reached >= low).all())
-
     for index, (J, rate) in enumerate(parts):
         own, rate = J @ free.Z, rate - J @ free.kept
         norm, size = (max(float(np.sqrt(np.vdot(each, each))), _NOTHING) for each in (own, J))
@@ -522,7 +517,8 @@ def solve_cascade(
         factor = _SAMPLED_DAMPING * sampled.dt * float(sampled.levers[index])
         level = _Level(free, own, rate, size, damping, curved[index], factor)
         point = level.without_limits()
-        if not keeps(point.unknowns):
+        reached = rows @ point.unknowns
+        if not ((reached <= high).all() and (reached >= low).all()):
             limited = level.within(bounds, start, near[index])
             if limited is None:
                 break  # at a lower level: rounding left no room
