@@ -315,7 +315,7 @@ class GoalRows(NodeBound):
 
 def _stated(given: Limit, names: Sequence[str]) -> Array:
     """Mask (k,) of the rows for which a limit is given."""
-    return np.array([given is not None and (name in given if isinstance(given, Mapping) else True) for name in names])
+    return np.array([given is not None and (not isinstance(given, Mapping) or name in given) for name in names], bool)
 
 
 # ------------------------------------------------------------------ limits of the robot's file
@@ -347,14 +347,14 @@ class FileLimits:
     def bind(self, model: ActionModel, stated: Sequence[NodeBound]) -> list[NodeBound]:
         """Return the bounds of an action model, without the rows for which other bounds are stated."""
         found = [
-            *(_positions(model, _rows_of(stated, "output")) if self.position else ()),
-            *(_velocities(model, stated) if self.velocity else ()),
+            *([_positions(model, _rows_of(stated, "output"))] if self.position else ()),
+            *([_velocities(model, stated)] if self.velocity else ()),
             *(_efforts(model, _rows_of(stated, "input")) if self.effort and model.form == "dynamic" else ()),
-            *_side_slips(model),
+            _side_slips(model),
         ]
         for bound in found:
             bound.of_file = True
-        return found
+        return [bound for bound in found if bound.names]
 
 
 def _rows_of(stated: Sequence[NodeBound], *quantities: str) -> set[str]:
@@ -363,23 +363,21 @@ def _rows_of(stated: Sequence[NodeBound], *quantities: str) -> set[str]:
     return {name for each in found for name, given in each if given}
 
 
-def _positions(model: ActionModel, replaced: set[str]) -> list[NodeBound]:
+def _positions(model: ActionModel, replaced: set[str]) -> NodeBound:
     found = limited_positions(model.reduced.robot, None)
     kept, names = _kept(model, found.v, replaced)
     rows = partial(_position_rows, [found.q[k] for k in kept], [found.v[k] for k in kept])
     limits = found.lower[kept], found.upper[kept]
-    return [NodeBound("output", names, limits, rows, remedy=_REMEDY.format("position"))] if kept else []
+    return NodeBound("output", names, limits, rows, remedy=_REMEDY.format("position"))
 
 
-def _velocities(model: ActionModel, stated: Sequence[NodeBound]) -> list[NodeBound]:
+def _velocities(model: ActionModel, stated: Sequence[NodeBound]) -> NodeBound:
     kinematic = model.form == "kinematic"  # there the inputs are the velocities
     places, largest = limited_velocities(model.reduced.robot, None, None)
     kept, names = _kept(model, places, _rows_of(stated, "velocity", *(("input",) if kinematic else ())))
     rows = partial(_linear_rows, np.eye(model.nv)[[places[k] for k in kept]])
     limits = -largest[kept], largest[kept]
-    return (
-        [NodeBound("velocity", names, limits, rows, not kinematic, remedy=_REMEDY.format("velocity"))] if kept else []
-    )
+    return NodeBound("velocity", names, limits, rows, not kinematic, remedy=_REMEDY.format("velocity"))
 
 
 def _kept(model: ActionModel, places: Sequence[int], replaced: set[str]) -> tuple[list[int], list[str]]:
@@ -396,12 +394,12 @@ def _efforts(model: ActionModel, replaced: set[str]) -> list[NodeBound]:
     return [InputBound({name: -limit for name, limit in limits.items()}, limits).bind(model)] if limits else []
 
 
-def _side_slips(model: ActionModel) -> list[NodeBound]:
+def _side_slips(model: ActionModel) -> NodeBound:
     """Lateral speeds of steered wheels without a lateral row, which are aimed by this bound."""
     aimed = missing_lateral_rows(model.reduced, steered=True)
     # Half of the speed from which the verdict of a run counts a wheel as sliding: the loop adds some of its own.
     limits, rows = (-SIDE_SLIP / 2, SIDE_SLIP / 2), partial(_slip_rows, aimed)
-    return [NodeBound("slip", aimed.names, limits, rows, model.form != "kinematic")] if aimed.size else []
+    return NodeBound("slip", aimed.names, limits, rows, model.form != "kinematic")
 
 
 def _position_rows(q: list[int], v: list[int], nodes: NodeData, derivatives: bool) -> RowValues:
