@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rnc_pin.analysis.growth import filtration
-from rnc_pin.analysis.privileged_coordinates import PrivilegedCoordinates, privileged_coordinates
+from rnc_pin.analysis.privileged_coordinates import privileged_coordinates
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.controller import MissedGoal
 from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, RncError
@@ -99,9 +99,17 @@ class SetPoint:
         else:
             self.q, self.ignored = admit_configuration(goal, reduced.robot, "goal"), ()
         self.q.setflags(write=False)
-        self._model = ActionModel(reduced, "kinematic")
-        self._rows = GoalRows(self._model, goal, at_rest=False)
-        self.coordinates = self._coordinates()
+        self._rows = GoalRows(ActionModel(reduced, "kinematic"), goal, at_rest=False)
+        try:
+            self.coordinates = privileged_coordinates(reduced, self.q, ignored=self.ignored)
+        except (ConstraintError, ConfigurationError) as error:
+            if not self.ignored:
+                raise
+            names = ", ".join(self.ignored)
+            raise ConfigurationError(
+                f"set point: the goal does not determine the position of {names}; add outputs, or give a "
+                f"configuration ({error})"
+            ) from None
         self._check_leaf()
 
     def _undetermined(self, outputs: NodeOutputs) -> tuple[str, ...]:
@@ -113,18 +121,6 @@ class SetPoint:
         rank = int((sizes > _FREE * sizes.max(initial=1.0)).sum())
         moves = np.abs(closure @ right[rank:].T).max(axis=1, initial=0.0) > _FREE
         return tuple(str(name) for name in robot.joint_names if moves[robot.velocity_indices(name)].any())
-
-    def _coordinates(self) -> PrivilegedCoordinates:
-        try:
-            return privileged_coordinates(self.reduced, self.q, ignored=self.ignored)
-        except (ConstraintError, ConfigurationError) as error:
-            if not self.ignored:
-                raise
-            names = ", ".join(self.ignored)
-            raise ConfigurationError(
-                f"set point: the goal does not determine the position of {names}; add outputs, or give a "
-                f"configuration ({error})"
-            ) from None
 
     def _check_leaf(self) -> None:
         """Refuse configurations all of whose neighbours cannot be reached, other than by holonomic rows."""
