@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
@@ -352,10 +353,8 @@ class PlanSearch:
             f"no plan in {duration:.4g} s: {worst.name} is violated by {worst.amount:.3g} at t = {worst.time:.4g} s "
             f"(best of {self._tried} guesses: {best.guess}); allow more time, wider bounds or more seeds"
         )
-        try:
+        with suppress(RncError, np.linalg.LinAlgError):  # e.g. the motion is singular, so that it has no outputs
             found.plan = self._completed(self._problem, best).plan
-        except (RncError, np.linalg.LinAlgError):
-            found.plan = None  # e.g. the motion is singular, so that it has no outputs
         return found
 
     def _unverified(self) -> InfeasibleError:

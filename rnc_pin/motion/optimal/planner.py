@@ -133,9 +133,8 @@ def check_distances(what: str, bound: DistanceRows, q: Array, t: float, accuracy
     smallest = float(found.distance.min(initial=np.inf))
     # A goal beside obstacles is compared to the error of coal alone: the plan ends there, and nothing can improve it.
     if smallest < bound.clearance - (CONTACT if bound.distances.obstacles and what == "goal" else accuracy):
-        nearest = int(found.distance.argmin())
-        pair, distance = bound.distances.pairs[found.pairs[nearest]], float(found.distance[nearest])
-        text = f"{what}: the distance of {pair.names[0]} and {pair.names[1]} is {distance:.4g} m, below the"
+        pair = bound.distances.pairs[found.pairs[found.distance.argmin()]]
+        text = f"{what}: the distance of {pair.names[0]} and {pair.names[1]} is {smallest:.4g} m, below the"
         raise InfeasibleError(f"{text} clearance of {bound.clearance:g} m; choose another {what}, or ask for less")
     return smallest
 

@@ -232,9 +232,8 @@ class PredictiveController(DescribedMixin):
 
     def initial_state(self, measurement: Measurement) -> PredictiveState:
         """Return a motion that stands at the measured configuration, or the first motion to a set point."""
-        K, model = self._solver_settings.nodes, self._model
-        stand = along(model, np.repeat(np.asarray(measurement.q)[None], K + 1, axis=0), self.horizon)
-        gains = np.zeros((K, model.nu, model.nx))
+        stand = along(self._model, np.repeat(np.asarray(measurement.q)[None], self.nodes + 1, axis=0), self.horizon)
+        gains = np.zeros((self.nodes, self._model.nu, self._model.nx))
         state = PredictiveState(0.0, stand.q, stand.w, stand.u, gains, -np.inf, 0, 0)
         return state if self.set_point is None else self._updated(0.0, _node_of(measurement), state)
 

@@ -285,10 +285,9 @@ def _of_unknown_efforts(problem: Transcription, at: Iterate) -> Iterator[Finding
     if model.form != "dynamic":
         return
     for column, (name, unit) in enumerate(zip(names, model.reduced.actuation.units, strict=True)):
-        if name in bounded or name not in robot.joint_names:
-            continue
         # Zero is what tools write for an unknown limit.
-        if robot.model.upperEffortLimit[robot.velocity_indices(name).start] != 0:
+        unknown = name in robot.joint_names and robot.model.upperEffortLimit[robot.velocity_indices(name).start] == 0
+        if not unknown or name in bounded:
             continue
         largest = int(np.abs(at.u[:, column]).argmax())
         amount, time = float(abs(at.u[largest, column])), float(largest * at.duration / problem.K)
