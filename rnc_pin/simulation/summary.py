@@ -197,6 +197,12 @@ class PrintedSummary(SummaryMixin, dict[str, object]):
     def __reduce__(self) -> tuple[object, ...]:
         return PrintedSummary, (dict(self), self._outputs)
 
+    @property
+    def units(self) -> dict[str, str]:
+        """Units of the outputs by name; "" if unknown."""
+        x2, x1 = self._outputs.x2, self._outputs.x1
+        return dict(zip(x2.names + x1.names, x2.units + x1.units, strict=True))
+
     def _summary(self) -> ObjectSummary:
         return self.summary_of("Summary")
 
@@ -221,8 +227,8 @@ class PrintedSummary(SummaryMixin, dict[str, object]):
 
     def _described(self, key: str, value: object) -> Sequence[Item]:
         if isinstance(value, Mapping) and all(isinstance(each, float) for each in value.values()):
-            sources = [self._outputs.T] if key == "max_input" else [self._outputs.x2, self._outputs.x1]
-            units = {name: unit for each in sources for name, unit in zip(each.names, each.units, strict=False)}
+            outputs = self._outputs
+            units = dict(zip(outputs.T.names, outputs.T.units, strict=False)) if key == "max_input" else self.units
             return [Item(name, f"{each:.4g} {units.get(name, '')}".rstrip()) for name, each in value.items()]
         return described(value)
 
