@@ -300,24 +300,21 @@ class DissipativeStep:
         """Linear part of the motion at a state, and accelerations (r,) without dry friction."""
         dynamics = self._dynamics
         R, H, damping = state.R, state.H, dynamics.damping
+        flow = state.flow(T, damping)
         if damping is None:
             # Modes with unit inertia; without damping any such basis does, and Cholesky is the cheapest.
             modes = np.linalg.inv(np.linalg.cholesky(H)).T
-            decay = np.zeros(len(H))
-        else:
-            decay, modes = scipy.linalg.eigh(R.T @ (damping[:, None] * R), H)
-            # Rounding of an undamped mode would let it grow.
-            decay = np.maximum(decay, 0.0)
-        inverse = modes.T @ H
-        flow = state.flow(T, damping)
-        if damping is None:
             others = np.zeros((dynamics.integrands.size + dynamics.reduced.rheonomic + 1, len(H)))
-        else:
-            integrals = dynamics.integrands.jacobian(state.position) @ R @ modes
-            time = np.zeros((int(dynamics.reduced.rheonomic), len(H)))  # it flows at a constant rate
-            force = state.B @ T - damping * state.v
-            power = modes.T @ apply_transposed(R, force) - inverse @ flow.v2_dot  # minus the rate of kinetic energy
-            others = np.vstack([integrals, time, power])
+            return LinearPart(modes, modes.T @ H, np.zeros(len(H)), R @ modes, others), flow.v2_dot
+        decay, modes = scipy.linalg.eigh(R.T @ (damping[:, None] * R), H)
+        # Rounding of an undamped mode would let it grow.
+        decay = np.maximum(decay, 0.0)
+        inverse = modes.T @ H
+        integrals = dynamics.integrands.jacobian(state.position) @ R @ modes
+        time = np.zeros((int(dynamics.reduced.rheonomic), len(H)))  # it flows at a constant rate
+        force = state.B @ T - damping * state.v
+        power = modes.T @ apply_transposed(R, force) - inverse @ flow.v2_dot  # minus the rate of kinetic energy
+        others = np.vstack([integrals, time, power])
         return LinearPart(modes, inverse, decay, R @ modes, others), flow.v2_dot
 
 
