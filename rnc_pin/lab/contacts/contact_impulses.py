@@ -480,9 +480,7 @@ class RigidImpulses(FrictionImpulses):
             y = self._b + self._G @ p
             normal, rates = p[self._normals], y[self._normals]
             pushes = (normal >= -none * (1.0 + np.abs(normal).sum())).all()
-            slips = [np.abs(y[each.rows]).max() for each in self._groups]
-            rest = [self._normals.index(each.normal) for each in self._groups]
-            sticks = all(slip <= still or rates[number] > still for slip, number in zip(slips, rest, strict=True))
+            sticks = all(np.abs(y[each.rows]).max() <= still or y[each.normal] > still for each in self._groups)
             if pushes and sticks and (rates >= -still).all():
                 return p
         raise SimulationError(NO_SET)
