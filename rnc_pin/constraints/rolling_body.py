@@ -488,9 +488,8 @@ class Caster:
     def bind(self, robot: Robot) -> Rows:
         check_positive(f"radius of caster '{self.frame}'", self.radius, or_zero=True)
         plane = admit_plane(self.ground, f"caster '{self.frame}'")
-        return on_carrier(
-            _BallRows(self.frame, self.radius, ("vertical",), plane, robot), self.frame, self.ground, robot
-        )
+        rows = _BallRows(self.frame, self.radius, ("vertical",), plane, robot)
+        return on_carrier(rows, self.frame, self.ground, robot)
 
 
 class _BallRows(BodyContactRows, ConstantWrenchRows):
