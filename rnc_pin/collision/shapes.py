@@ -111,12 +111,11 @@ def bounding_box(shape: coal.CollisionGeometry, name: str) -> tuple[np.ndarray, 
     # coal computes the box of a new shape only when it is asked to.
     shape.computeLocalAABB()
     low, high = np.array(shape.aabb_local.min_), np.array(shape.aabb_local.max_)
+    largest = 1e3  # [m]; no finite bounding sphere is of use beyond it
     beyond = 1e6  # [m]; half side of the box that stands for a half space in the broad phase
     if isinstance(shape, coal.Halfspace):
         low, high = np.clip(low, -beyond, beyond), np.clip(high, -beyond, beyond)
-        return 0.5 * (low + high), 0.5 * (high - low)
-    largest = 1e3  # [m]; no finite bounding sphere is of use beyond it
-    if not (np.abs([low, high]) < largest).all():
+    elif not (np.abs([low, high]) < largest).all():
         raise ModelError(f"shape '{name}' extends beyond {largest:g} m: distances need a finite shape")
     return 0.5 * (low + high), 0.5 * (high - low)
 
