@@ -36,13 +36,8 @@ from rnc_pin.model.rows import Motion
 _HELICAL = ("JointModelH",)
 
 
-class _Part(NamedTuple):
-    """Part of a joint: the norm of these velocity components times two factors is its rotation and its translation."""
-
-    joint: int
-    columns: slice
-    angular: float
-    linear: float
+_Part = tuple[int, slice, float, float]
+"""Joint, its velocity components, and two factors: their norm times these is its rotation and its translation."""
 
 
 class JointSteps:
@@ -109,7 +104,7 @@ def _parts(index: int, joint: pin.JointModel, lever: float, largest: Float[Array
         raise ModelError(f"joint {index} is a {kind}: its motion between two configurations is not known")
     ends = np.cumsum([count for count, *_ in groups]).tolist()
     return [
-        _Part(index, slice(start + end - count, start + end), angular, linear + angular * lever)
+        (index, slice(start + end - count, start + end), angular, linear + angular * lever)
         for (count, angular, linear), end in zip(groups, ends, strict=True)
     ]
 
