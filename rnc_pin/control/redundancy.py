@@ -299,7 +299,6 @@ class SteeringController(DescribedMixin):
     ) -> tuple[VelocityTarget, DrivenPath | None]:
         task, m = self.task, measurement
         gradient = kinematic_gradient(self._reduced.at(m.q), task.redundant)
-        slopes = np.ascontiguousarray(np.moveaxis(gradient, -1, -3))  # (..., a, k, r)
         if state is None and isinstance(self.vertical, SlitheringReference):
             raise InputError("steering along the driven path needs the last step's state, at first initial_state's")
         x21d = self.primary.at(t)
@@ -313,21 +312,21 @@ class SteeringController(DescribedMixin):
             x11d = self.vertical.at(t)
         v2 = np.empty(m.v2.shape)
         v2[..., task.primary] = v21d
-        v2[..., task.redundant] = self._redundant_rates(m, slopes, v21d_dot, x11d)
+        v2[..., task.redundant] = self._redundant_rates(m, gradient, v21d_dot, x11d)
         x1 = goals_at(x11d.position, task.vertical, m.x1.shape)
         if self.monitored is not None:
             x1[..., self.monitored[0]] = self.monitored[1].at(t).position
         return VelocityTarget(v2=v2, v2_dot=v2_dot, x1=x1, x2=goals_at(x21d.position, task.primary, m.x2.shape)), state
 
     def _redundant_rates(
-        self, m: Measurement, slopes: np.ndarray, v21d_dot: np.ndarray, x11d: ReferencePoint
+        self, m: Measurement, gradient: np.ndarray, v21d_dot: np.ndarray, x11d: ReferencePoint
     ) -> np.ndarray:
         """Redundant rates (..., a)."""
         task = self.task
         v21, v22_now = m.v2[..., task.primary], m.v2[..., task.redundant]
         A3, A3_dot = (each[..., task.vertical, :][..., task.primary] for each in (m.A_star, m.A_star_dot))
         # By exact slopes of A_star: difference quotients would cost evaluations and digits.
-        N = apply(slopes[..., task.vertical, :][..., task.primary], v21[..., None, :]).mT
+        N = apply_transposed(gradient[..., task.vertical, :, :][..., task.primary, :], v21[..., None, :])
         rate = apply(A3, v21)
         wanted, wanted_dot = self._follow_vertical(x11d, m.x1[..., task.vertical], rate)
         # The rate of A3 v21 contains N v22 at the present steering rates. It is taken out: v22 is solved for.
