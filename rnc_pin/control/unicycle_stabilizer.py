@@ -31,16 +31,6 @@ class DrivingState(NamedTuple):
     backwards: bool = False
 
 
-class _PolarPose(NamedTuple):
-    """Pose in the coordinates of the control law, for forward or backward driving."""
-
-    distance: float
-    alpha: float
-    """From the heading to the line of sight (-pi, pi]."""
-    theta: float
-    """From the goal's heading to the line of sight (-pi, pi]."""
-
-
 class UnicycleStabilizer(DescribedMixin):
     """Controller that drives a unicycle (forward speed, yaw) to a pose, from any other pose.
 
@@ -152,23 +142,23 @@ class UnicycleStabilizer(DescribedMixin):
         if state.resting and off < wake_factor * self.tolerance:
             return state
         ways = [self._polar_pose(pose, way) for way in (False, True)]
-        forth, back = (each.alpha**2 + self._h * each.theta**2 for each in ways)  # angle terms of 2 V
+        forth, back = (alpha**2 + self._h * theta**2 for _, alpha, theta in ways)  # angle terms of 2 V
         if np.isnan(state.since) or state.resting:
             return DrivingState(t, False, back < forth)
         now, other = (back, forth) if state.backwards else (forth, back)
         reversal_ratio = 0.5  # of the angle terms of V, after to before: hysteresis of the driving direction
         return state._replace(backwards=state.backwards != (other < reversal_ratio * now))
 
-    def _polar_pose(self, pose: tuple[float, float, float], backwards: bool) -> _PolarPose:
-        """Pose in the coordinates of the law; for backward driving, both headings turn by pi."""
+    def _polar_pose(self, pose: tuple[float, float, float], backwards: bool) -> tuple[float, float, float]:
+        """Coordinates (e, alpha, theta) of the law; for backward driving, both headings turn by pi."""
         x, y, heading = pose
         e = float(np.hypot(x, y))
         if e < self.tolerance / 2:  # at the goal, except for the heading
-            return _PolarPose(0.0, -heading, 0.0)
+            return 0.0, -heading, 0.0
         bearing, about = np.arctan2(-y, -x), np.pi if backwards else 0.0
-        return _PolarPose(e, float(wrapped(bearing - heading - about)), float(wrapped(bearing - about)))
+        return e, float(wrapped(bearing - heading - about)), float(wrapped(bearing - about))
 
-    def _law(self, polar: _PolarPose, v2: np.ndarray, backwards: bool) -> tuple[np.ndarray, np.ndarray]:
+    def _law(self, polar: tuple[float, float, float], v2: np.ndarray, backwards: bool) -> tuple[np.ndarray, np.ndarray]:
         """Inputs (v, w) of the law, and their rates while the vehicle moves at v2."""
         (e, alpha, theta), k, h, sign = polar, self.k, self._h, -1.0 if backwards else 1.0
         speed, turn = sign * v2[0], v2[1]
