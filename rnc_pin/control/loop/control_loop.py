@@ -105,6 +105,7 @@ class ControlLoop(ReprMixin):
     """
 
     _commanded = False  # True: commands replace velocities, which nobody measures
+    _has_efforts = True  # False: inputs are velocities
 
     def __init__(
         self, reduced: ReducedModel, controller: Controller, dt: float, **options: Unpack[LoopOptions]
@@ -121,8 +122,10 @@ class ControlLoop(ReprMixin):
             gap = _TIME_TOLERANCE * max(self.timeout, _GAP * dt)
             self._observer = VelocityObserver(reduced.robot.model, cutoff, gap)
         self.limits = admit_limits(reduced, self.settings.limits)
-        # A safe command stays within what actuators can do, even if the user switched the limits off.
-        self._fallback_limits = reduced.actuation.limits if self.limits is None else self.limits
+        # A safe command stays within what actuators can do, even if the user switched the limits off. Limits in a
+        # robot's file are efforts.
+        known = reduced.actuation.limits if self._has_efforts else np.full(reduced.p, np.inf)
+        self._fallback_limits = known if self.limits is None else self.limits
         self.state = LoopState()
         self.last: Decision | None = None
         self.active_component = "the model"

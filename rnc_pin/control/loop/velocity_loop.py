@@ -9,9 +9,9 @@ import numpy as np
 
 from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.actuator_velocity import ActuatorVelocityController, driven_joints, velocity_from_actuators
-from rnc_pin.control.controller import Controller, KinematicController
+from rnc_pin.control.controller import KinematicController
 from rnc_pin.control.loop.control_loop import ControlLoop
-from rnc_pin.control.loop.options import GuardOptions, LoopOptions, check_model
+from rnc_pin.control.loop.options import GuardOptions, check_model
 from rnc_pin.errors import check_known, place_of
 from rnc_pin.model.kinematics import OWN_AXES, Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
@@ -49,13 +49,7 @@ class VelocityCommand(NamedTuple):
 class VelocityInputLoop(ControlLoop):
     """Control loop whose inputs are velocities: effort limits do not apply, and "brake" lets velocities decay."""
 
-    def __init__(
-        self, reduced: ReducedModel, controller: Controller, dt: float, **options: Unpack[LoopOptions]
-    ) -> None:
-        super().__init__(reduced, controller, dt, **options)
-        if self.limits is None:
-            # Limits in a robot's file are efforts, and inputs here are velocities.
-            self._fallback_limits = np.full(reduced.p, np.inf)
+    _has_efforts = False
 
     def _braking_input(self, v: Array | None) -> Array:
         """Last velocities, after a decay over one sample."""
