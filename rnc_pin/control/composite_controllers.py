@@ -172,10 +172,9 @@ class SplitController(ReprMixin):
             command, own = controller.step(t, _part(measurement, outputs), own)
             states.append(own)
             F[..., outputs] = command.F
-            if command.v2_desired is not None:
-                v2[..., outputs] = command.v2_desired
-            if command.x2_desired is not None:
-                x2[..., outputs] = command.x2_desired
+            for goals, known in ((v2, command.v2_desired), (x2, command.x2_desired)):
+                if known is not None:
+                    goals[..., outputs] = known
             # Every part sees all vertical outputs: the first one with goals tells them.
             x1 = command.x1_desired if x1 is None else x1
         return Command(F=F, v2_desired=v2, x1_desired=x1, x2_desired=x2), tuple(states)

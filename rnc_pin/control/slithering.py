@@ -203,8 +203,7 @@ class SlitheringReference(ReprMixin):
 
 
 def _places(names: tuple[str, ...], wanted: list[str]) -> Array:
-    what = "a slithering trailer needs the vertical output"
-    return np.array([place_of(name, names, what) for name in wanted])
+    return np.array([place_of(name, names, "a slithering trailer needs the vertical output") for name in wanted])
 
 
 def _drawbar(reduced: ReducedModel, output: int, tractor: str, kingpin: str, axle: str) -> tuple[float, float]:
