@@ -260,9 +260,7 @@ def even_times(end: float, rate: float) -> np.ndarray:
 def _configurations(robot: Robot, trajectory: Trajectory, wanted: np.ndarray) -> np.ndarray:
     """Configurations (M, nq) at times (M,), and the last one after the end."""
     time, q = trajectory.time, trajectory.q
-    before = np.clip(np.searchsorted(time, wanted, side="right") - 1, 0, max(len(time) - 2, 0))
+    places = np.interp(wanted, time, np.arange(len(time)))
+    before = places.astype(int)
     after = np.minimum(before + 1, len(time) - 1)
-    interval = time[after] - time[before]
-    # A run of one sample, or two samples at one time, have an interval of zero.
-    parts = np.divide(wanted - time[before], interval, out=np.zeros(len(wanted)), where=interval > 0)
-    return ConfigurationManifold(robot.model).interpolate(q[before], q[after], np.minimum(parts, 1.0))
+    return ConfigurationManifold(robot.model).interpolate(q[before], q[after], places - before)
