@@ -242,9 +242,6 @@ def _contact_quantities(
 
 def _by_name(wanted: Sequence[str], known: Sequence[str], values: Array, missing: float) -> Array:
     """Select columns of values (N, k) by name; those of unknown names have the value ``missing``."""
-    # The usual case, without a copy.
-    if tuple(wanted) == tuple(known):
-        return values
     columns = {name: column for column, name in enumerate(known)}
     found = np.full((len(values), len(wanted)), missing)
     for place, name in enumerate(wanted):

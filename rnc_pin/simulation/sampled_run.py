@@ -340,7 +340,8 @@ def complete_run(
             outcome = Outcome.INTERRUPTED
         except Exception as error:
             failure = run_error(error, progress.active_component, progress.time)
-            failure.trajectory = finish(outcome_of(failure), str(failure))
+            outcome = next((each for kind, each in _OUTCOMES.items() if isinstance(failure, kind)), Outcome.FAILED)
+            failure.trajectory = finish(outcome, str(failure))
             raise failure  # noqa: B904 (run_error sets the cause)
         return finish(outcome if reason is None else Outcome.FAILED, reason)
 
@@ -367,15 +368,6 @@ def run_error(error: Exception, component: str, t: float) -> RncError:
     failure = errors.SimulationError(f"{component} raised {type(error).__name__} at t = {t:.3f} s{message}")
     failure.__cause__ = error
     return failure
-
-
-def outcome_of(error: RncError) -> Outcome:
-    """Outcome of a run that an error ended.
-
-    Args:
-        error: the error, as of ``run_error``.
-    """
-    return next((outcome for kind, outcome in _OUTCOMES.items() if isinstance(error, kind)), Outcome.FAILED)
 
 
 # ---------------------------------------------------------------------- runs

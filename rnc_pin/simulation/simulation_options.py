@@ -61,9 +61,6 @@ class Stop:
             raise InputError(f"speed of a Stop has to be positive, found {self.speed}")
 
 
-DEFAULT_STOP = Stop()
-
-
 class StopMonitor:
     """Check of stop conditions for a robot.
 
@@ -222,7 +219,7 @@ class SimulationOptions:
         [0.0, 0.1, 0.2]
     """
 
-    stop: Stop = DEFAULT_STOP
+    stop: Stop = Stop()
     loop: LoopOptions = field(default_factory=LoopOptions)
     controller_state: State = None
     observer: Observer | None = None

@@ -106,11 +106,6 @@ class LiveView:
         """True if a browser is connected."""
         return bool(self.window.browsers)
 
-    @property
-    def closed(self) -> bool:
-        """True after ``close``."""
-        return self._over.is_set()
-
     def open(self) -> None:
         """Show the page in the user's browser."""
         self.window.open()
@@ -346,7 +341,7 @@ class LoopView(SummaryMixin, LiveView, Generic[Made]):
     def _sample(
         self, q: ArrayLike, v2: ArrayLike | None, t: float | None, T: ArrayLike | None, command: Command | None
     ) -> Sample:
-        if not self.running and self.closed:
+        if not self.running and self._over.is_set():
             raise InputError("the view is closed")
         reduced = self._model.reduced
         # Checked in the caller's thread: in the drawing thread an error would reach nobody.
