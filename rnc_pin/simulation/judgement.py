@@ -145,12 +145,16 @@ def _integration(run: RunData) -> Iterator[Finding]:
     found = run.info.integration
     if found is None or found.is_kept:
         return
+    # The plant chose the number and could do no more: a note. A number that the user fixed can be mended.
+    if found.enough == found.substeps:
+        severity, remedy = Severity.NOTE, f"{found.substeps} substeps do not suffice: reduce the sampling period"
+    else:
+        severity = Severity.DEGRADES
+        remedy = f"substeps {found.substeps} is too small: remove it, or set {found.enough}"
     message = (
         f"the integration adds an error of up to {found.rate:.2g} per second [m, rad, m/s or rad/s], allowed is "
-        f"{found.tolerance:g}: {found.remedy}"
+        f"{found.tolerance:g}: {remedy}"
     )
-    # The plant chose the number and could do no more: a note. A number that the user fixed can be mended.
-    severity = Severity.NOTE if found.enough == found.substeps else Severity.DEGRADES
     yield Finding(FindingKind.INTEGRATION, "plant", found.rate, "1/s", None, severity, message)
 
 

@@ -284,13 +284,6 @@ class IntegrationAccuracy:
         """True if no sample exceeds the tolerance."""
         return self.rate <= self.tolerance
 
-    @property
-    def remedy(self) -> str:
-        """Number of substeps that keeps the tolerance, in words."""
-        if self.enough == self.substeps:
-            return f"{self.substeps} substeps do not suffice: reduce the sampling period"
-        return f"substeps {self.substeps} is too small: remove it, or set {self.enough}"
-
 
 @printed()
 @dataclass(frozen=True)
