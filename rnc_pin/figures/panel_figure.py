@@ -312,10 +312,14 @@ def draw_paths(axes: Axes, paths: GroundPaths, texts: Labels, name: str = "") ->
     for k, path in enumerate(paths.own):
         color = st.COLORS[k]
         own += axes.plot(*path.points.T, color=color, lw=st.points(1.8))
-        if path.headings is not None:
-            _draw_headings(axes, path, color)
-        else:
+        if path.headings is None:
             axes.plot(*path.points[-1], "o", color=color, markeredgecolor="white")
+        for sample in path.marks() if path.headings is not None else ():
+            marker = MarkerStyle(_POINTER, transform=Affine2D().rotate(float(path.headings[sample])))
+            axes.plot(
+                *path.points[sample], marker=marker, color=color, markersize=st.points(13.0), markeredgecolor="white",
+                markeredgewidth=st.points(0.7), zorder=3,
+            )  # fmt: skip
         axes.plot(*path.points[0], "o", color="white", markeredgecolor=color, markersize=st.points(7.0), zorder=4)
     compared = _compared(axes, paths, texts)
     if compared and len(own) == 1:
@@ -356,13 +360,3 @@ def _compared(axes: Axes, paths: GroundPaths, texts: Labels) -> list[st.LegendEn
         if lines:
             entries.append(st.LegendEntry(texts.text(label), lines))
     return entries
-
-
-def _draw_headings(axes: Axes, path: GroundPath, color: str) -> None:
-    assert path.headings is not None
-    for sample in path.marks():
-        marker = MarkerStyle(_POINTER, transform=Affine2D().rotate(float(path.headings[sample])))
-        axes.plot(
-            *path.points[sample], marker=marker, color=color, markersize=st.points(13.0), markeredgecolor="white",
-            markeredgewidth=st.points(0.7), zorder=3,
-        )  # fmt: skip

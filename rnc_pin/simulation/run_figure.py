@@ -207,7 +207,7 @@ class _Line(NamedTuple):
         return Series(self.name, self.values(run), desired, compared, self.is_integral)
 
 
-def panels(run: RunData, others: Others | None = None, chosen: Sequence[str] | None = None) -> list[Panel]:
+def panels(run: RunData, others: Others, chosen: Sequence[str] | None = None) -> list[Panel]:
     """Panels of a run: outputs with references, errors, inputs, estimates, normal forces, singularity margin.
 
     Args:
@@ -219,7 +219,6 @@ def panels(run: RunData, others: Others | None = None, chosen: Sequence[str] | N
     Raises:
         InputError: unknown name, or a quantity that the run does not have.
     """
-    others = others or {}
     if chosen is None:
         return [panel for make in QUANTITIES.values() for panel in make(run, others)]
     shown: list[Panel] = []

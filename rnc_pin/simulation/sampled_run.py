@@ -43,7 +43,6 @@ from rnc_pin.simulation.simulation_options import (
 
 Feedback = Callable[[float, Array, Array], Array]
 
-_EMPTY = np.zeros(0)
 _ROUNDING = 1e-6  # of a time, in sampling periods
 _AT_FAULT = 0.01  # sum of the estimated errors, relative to the velocities, from which the integrator diverges
 
@@ -77,7 +76,7 @@ class SampledRun:
         self._reporting, self._reported = plant if isinstance(plant, ReportingPlant) else None, PlantReport()
         # A plant of the same model hands over its evaluation of the state: nothing is computed twice.
         self._exact = plant if isinstance(plant, ReducedPlant) and plant.reduced is reduced else None
-        self._measured = _EMPTY, _EMPTY  # of the last reading; velocities are empty if measurements are exact
+        self._measured = np.zeros(0), np.zeros(0)  # of the last reading; velocities are empty if measurements are exact
         # The plant alone may clip inputs, and reports what it applies.
         loop_options: LoopOptions = {"fallback": "hold", "limits": False, "max_speed": options.stop.speed}
         kind: type[ControlLoop] = ControlLoop
@@ -486,10 +485,8 @@ def free_motion(
         >>> bool(abs(run.v2[-1, 1]) < 0.01), bool(run.v2[-1, 0] > 0)  # rotation becomes straight motion
         (True, True)
     """
-    stop, info = (
-        options.stop,
-        run_info.RunInfo(dt=dt, versions=versions(), provenance=run_info.provenance_of(options.meta)),
-    )
+    stop, origin = options.stop, run_info.provenance_of(options.meta)
+    info = run_info.RunInfo(dt=dt, versions=versions(), provenance=origin)
     if options.loop or options.observer is not None or options.controller_state is not None:
         raise errors.ConfigurationError("free_motion has no controller: of the options, it takes stop and meta only")
     rtol, atol = (tolerance, tolerance) if isinstance(tolerance, int | float) else tolerance

@@ -324,7 +324,9 @@ class LoopView(SummaryMixin, LiveView, Generic[Made]):
 
     def open(self) -> None:
         """Show the page: in a notebook under the cell, otherwise in the user's browser."""
-        if _in_notebook():
+        # Not imported for the question: a process that has no IPython is no notebook.
+        shell = sys.modules.get("IPython")
+        if shell is not None and hasattr(shell.get_ipython(), "kernel"):
             importlib.import_module("IPython.display").display(self)
         else:
             super().open()
@@ -468,11 +470,3 @@ def _admit_range(name: str, values: tuple[float, float, float]) -> tuple[float, 
     if not (math.isfinite(lower) and math.isfinite(upper) and lower < upper and lower <= start <= upper):
         raise InputError(f"gain '{name}': expected smallest <= start <= largest, found {values!r}")
     return lower, upper, start
-
-
-def _in_notebook() -> bool:
-    """True if this process is the kernel of a notebook."""
-    # Not imported for the question: a process that has no IPython is no notebook.
-    shell = sys.modules.get("IPython")
-    running = None if shell is None else shell.get_ipython()
-    return hasattr(running, "kernel")

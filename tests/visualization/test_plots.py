@@ -141,7 +141,7 @@ def test_of_a_hundred_joints_those_are_shown_that_move_most(run):
     info = replace(run.info, outputs=replace(run.info.outputs, x2=columns), goals=())
     none = dict.fromkeys(("x2_desired", "v2", "v2_desired", "F"), np.full_like(x2, np.nan))
     crowd = replace(run, info=info, x2=x2, **none)
-    angles = [panel for panel in panels(crowd) if panel.quantity == "angle"]
+    angles = [panel for panel in panels(crowd, {}) if panel.quantity == "angle"]
     assert [panel.note for panel in angles] == ["18 of 101, moving most"] * 3
     assert [each.name for panel in angles for each in panel.series] == [f"joint_{k}" for k in range(82, 100)]
 

@@ -12,7 +12,7 @@ import time
 import webbrowser
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import tornado.httpserver
@@ -27,17 +27,14 @@ from rnc_pin.errors import ConfigurationError
 from rnc_pin.visualization.browser import page as pages
 from rnc_pin.visualization.browser.page import LOOPBACK, Commands, Key, RequestFilter, apply_commands
 
-Receiver: TypeAlias = Callable[[object], object]
-"""Function for one message of a user, decoded from JSON and otherwise unchecked."""
-
 
 class ControlPanel(NamedTuple):
     """Panel of controls on a page."""
 
     script: str
     """Name of its script, without ``.js``."""
-    receive: Receiver
-    """Function for the messages of the page's user, called in the thread of the server."""
+    receive: Callable[[object], object]
+    """Function for a message of the page's user, decoded from JSON and otherwise unchecked, in the server's thread."""
     farewell: object = None
     """Message of a page that is closed, reloaded, or does not answer any more; None for none."""
 
