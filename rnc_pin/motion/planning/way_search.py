@@ -65,17 +65,14 @@ class WaySpace:
             if kind == "JointModelPlanar":
                 # RRT's neighbours of a car are those that it reaches by short paths, not those beside it.
                 plane = ob.ReedsSheppStateSpace(steering.radius) if steering.radius else ob.SE2StateSpace()
-                self._bound(plane, task.area[:, :2])
-                self._add(plane, 1.0, (entry, 4, True))
+                self._add(plane, 1.0, task.area[:, :2], (entry, 4, True))
             elif kind == "JointModelFreeFlyer":
-                body = ob.SE3StateSpace()
-                self._bound(body, task.area)
-                self._add(body, 1.0, (entry, 7, False))
+                self._add(ob.SE3StateSpace(), 1.0, task.area, (entry, 7, False))
             elif kind == "JointModelSpherical":
-                self._add(ob.SO3StateSpace(), _REACH, (entry, 4, False))
+                self._add(ob.SO3StateSpace(), _REACH, None, (entry, 4, False))
             # An angle without an end: the shorter way round counts.
             elif joint.nq == 2 and joint.nv == 1:
-                self._add(ob.SO2StateSpace(), _REACH, (entry, 2, True))
+                self._add(ob.SO2StateSpace(), _REACH, None, (entry, 2, True))
             elif joint.nq == joint.nv:
                 tight = self._model.names[index] in held
                 reals += [(entry + k, *self._range(entry + k, kind, tight)) for k in range(joint.nq)]
@@ -84,20 +81,19 @@ class WaySpace:
                     f"ways: joint '{self._model.names[index]}' is a {kind}, which ways do not support"
                 )
         if reals:
-            joints = ob.RealVectorStateSpace(len(reals))
-            self._bound(joints, np.array(reals)[:, 1:].T)
-            self._add(joints, _REACH, *((entry, 1, False) for entry, _, _ in reals))
+            parts = [(entry, 1, False) for entry, _, _ in reals]
+            self._add(ob.RealVectorStateSpace(len(reals)), _REACH, np.array(reals)[:, 1:].T, *parts)
 
-    def _add(self, space: ob.StateSpace, weight: float, *parts: tuple[int, int, bool]) -> None:
+    def _add(self, space: ob.StateSpace, weight: float, area: Array | None, *parts: tuple[int, int, bool]) -> None:
+        """Add the space of some joints, in which smallest and largest coordinates (2, k) bound an area."""
+        if area is not None:
+            bounds = self._ob.RealVectorBounds(area.shape[1])
+            for k, (low, high) in enumerate(area.T.tolist()):
+                bounds.setLow(k, low)
+                bounds.setHigh(k, high)
+            space.setBounds(bounds)
         self.space.addSubspace(space, weight)
         self._parts += parts
-
-    def _bound(self, space: ob.StateSpace, area: Array) -> None:
-        bounds = self._ob.RealVectorBounds(area.shape[1])
-        for k, (low, high) in enumerate(area.T.tolist()):
-            bounds.setLow(k, low)
-            bounds.setHigh(k, high)
-        space.setBounds(bounds)
 
     def _range(self, entry: int, kind: str, tight: bool) -> tuple[float, float]:
         """Range of a joint in the space: its limits, which start and goals are within."""
