@@ -142,21 +142,10 @@ class ProgramBounds(NamedTuple):
     total: int
     """Number of names."""
 
-    def spread(self, values: Array) -> Float[Array, "*levels total"]:
-        """Values of the rows (..., k), at the places of all names; zero for idle rows."""
-        found = np.zeros((*values.shape[:-1], self.total))
-        found[..., self.places] = values
-        return found
-
     def shifted(self, shifts: Float[Array, "2 total"]) -> ProgramBounds:
         """Return bounds that are changed by these amounts."""
         lower, upper = shifts[:, self.places]
         return self._replace(lower=self.lower + lower, upper=self.upper + upper)
-
-    def excess(self, v2: Array) -> Float[Array, " k"]:
-        """Amount by which a velocity exceeds each row, (k,); zero if it satisfies the row."""
-        values = self.rows @ v2
-        return np.maximum(np.maximum(values - self.upper, self.lower - values), 0.0)
 
 
 class LimitStack:

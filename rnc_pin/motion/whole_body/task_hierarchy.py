@@ -322,10 +322,11 @@ def solve_within(
     found = solve_cascade(levels, relaxed[0], damping, None, sampled)
     if found is None:
         found = CascadeSolution(relaxed[1], *none, unsolved="tasks within limits that gave way are not solved")
-    excess = bounds.excess(found.unknowns)
+    values, excess = bounds.rows @ found.unknowns, np.zeros(bounds.total)
+    beyond = np.maximum(values - bounds.upper, bounds.lower - values)
     # Bounds that gave way were widened by the tolerance of the solver, which is no excess.
-    excess[excess < _EXCEEDED] = 0.0
-    return found._replace(excess=bounds.spread(excess))
+    excess[bounds.places] = np.where(beyond < _EXCEEDED, 0.0, beyond)
+    return found._replace(excess=excess)
 
 
 class _FreeDirections(NamedTuple):
