@@ -317,8 +317,7 @@ class _BoundBase(BoundTask):
         if self._aiming is None:
             return TaskRows(rows, rate)
         # Pivots turn with the base: they are aimed at the twist in its own axes.
-        c, s = np.cos(yaw), np.sin(yaw)
-        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        turn = pin.rpy.rpyToMatrix(0.0, 0.0, yaw)
         twist, rates = self._aiming.aimed(sample.end.q, rate @ turn, sample.start.v, sample.dt or self._aiming.dt)
         return TaskRows(rows, np.append(turn @ twist, rates))
 

@@ -380,8 +380,7 @@ class _BoundVelocities(BoundLimit):
         indices, largest = limited_velocities(reduced.robot, limit.joints, limit.limit)
         # R changes within a sample: the margin covers the difference.
         used = (1.0 - limit.margin) * largest
-        names = reduced.robot.velocity_names
-        self.names = tuple(f"{names[index]} velocity" for index in indices)
+        self.names = tuple(f"{reduced.robot.velocity_names[index]} velocity" for index in indices)
         self.jacobian = np.eye(reduced.n)[indices]
         self._rows = LimitRows(self.jacobian, -used, used)
         self._indices, self._largest = indices, largest
@@ -446,8 +445,7 @@ class _BoundPositions(BoundLimit):
         self._q, self._v = self._places = np.array([found.q, found.v], dtype=int)
         room = limit.margin * (found.upper - found.lower)
         self._ends = found.lower, found.upper
-        names = reduced.robot.velocity_names
-        self.names = tuple(f"{names[index]} position" for index in found.v)
+        self.names = tuple(f"{reduced.robot.velocity_names[index]} position" for index in found.v)
         self.jacobian = np.eye(reduced.n)[self._v]
         fastest = known_velocity_limits(reduced.robot.model)[found.v]
         # A joint without a velocity limit has no speed to stop from: its range is the scale.
