@@ -31,12 +31,6 @@ class Run:
     trajectory: Trajectory
     scenario: Scenario
 
-    @property
-    def drawn_model(self) -> DrawnModel:
-        """Robot with its model, obstacles and contacts, to draw."""
-        made = self.scenario
-        return DrawnModel(made.robot, made.reduced, made.obstacles, made.content.contact_constraints)
-
 
 def load_run(source: Path) -> Run:
     """Load a folder of ``rnc-pin run``, or its ``trajectory.npz``.
@@ -145,11 +139,14 @@ def replay_runs(
     for option, path in (("--html", html), ("--video", video)):
         if path is not None:
             check_new_file(option, path, force)
+    if not (show or html or video):
+        # The worst status: 1 if any of the runs failed.
+        return max([_judged(each) for each in runs])
+    run, made = runs[0].trajectory, runs[0].scenario
+    drawn = DrawnModel(made.robot, made.reduced, made.obstacles, made.content.contact_constraints)
     if html or video:
         # Other runs are pale robots in the scene of the first.
-        first, others = runs[0], _compared(runs)
-        view, title = first.scenario.content.view, first.scenario.title
-        recording = Recording(first.drawn_model, first.trajectory, view, title, others)
+        recording = Recording(drawn, run, made.content.view, made.title, _compared(runs))
         with one_line_errors():
             if html is not None:
                 recording.save(html, force)
@@ -158,17 +155,13 @@ def replay_runs(
                 write_video(recording, video, rate, replace=force)
                 click.echo(f"wrote {video} ({video.stat().st_size / 1e6:.1f} MB)")
     if show:
-        run = runs[0]
-        shown = run.drawn_model, run.scenario.content.view, run.trajectory.info, run.scenario.title
+        shown = drawn, made.content.view, run.info, made.title
         # Ctrl-C ends the show, and is no failure of the run.
         with live_view(*shown, **watching) as live, suppress(KeyboardInterrupt):
             # As often as a screen draws.
-            for state in recorded_states(run.scenario.robot, run.trajectory, rate=60.0):
+            for state in recorded_states(made.robot, run, rate=60.0):
                 live(state)
-    if show or html or video:
-        return DONE
-    # The worst status: 1 if any of the runs failed.
-    return max([_judged(run) for run in runs])
+    return DONE
 
 
 def _judged(run: Run) -> int:

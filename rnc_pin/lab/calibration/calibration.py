@@ -235,7 +235,7 @@ class PoseProblem:
         self.scales = np.array([each.scale for each in motion.parameters])
 
     def is_valid(self, p: np.ndarray) -> bool:
-        """True if radii are positive, and no number leaves the size of the robot by far.
+        """True if radii are positive, and all numbers are finite.
 
         Args:
             p: parameters (P,).
