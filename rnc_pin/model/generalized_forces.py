@@ -116,39 +116,33 @@ class Actuation:
     """
 
     def __init__(self, actuators: Actuators, robot: Robot) -> None:
-        self.names: tuple[str, ...]
-        self.units: tuple[str, ...]
         self._function: UserFunction | None = None
         self.frames: list[tuple[int, int, int]] = []
         if callable(actuators) or isinstance(actuators, np.ndarray):
-            self._read_matrix(actuators, robot)
+            # A function is called once here, so that its shape is known.
+            given = actuators(robot.configuration()) if callable(actuators) else actuators
+            self._constant = np.array(given, dtype=float)  # the caller may change the matrix
+            shape = self._constant.shape
+            if len(shape) != 2 or shape[0] != robot.nv:
+                raise ConstraintError(f"actuation matrix has shape {shape}, expected ({robot.nv}, p)")
+            if callable(actuators):
+                self._function = UserFunction(actuators, shape, "actuation matrix B(q)")
+            self.names = tuple(f"T[{i}]" for i in range(shape[1]))
+            self.units = ("",) * shape[1]
+            self.limits = np.full(shape[1], np.inf)
         else:
             if isinstance(actuators, str) or not isinstance(actuators, Iterable):
                 raise ConstraintError(f"actuators: expected a list, a matrix or a function B(q), found {actuators!r}")
-            self._read_list(list(actuators), robot)
+            listed = list(actuators)
+            self._constant = np.zeros((robot.nv, len(listed)))
+            found = [self._read_one(column, each, robot) for column, each in enumerate(listed)]
+            self.names, self.units = tuple(name for name, *_ in found), tuple(unit for _, unit, _ in found)
+            self.limits = np.array([limit for *_, limit in found])
+            # Inputs are found by name in messages, limits and records: two with one name could not be told apart.
+            check_unique(self.names, "duplicate actuator", ConstraintError)
         self.size = len(self.names)
         # Columns of frames depend on q; if there are none, B is constant and costs nothing at a state.
         self.configured = frozenset(column for column, *_ in self.frames)
-
-    def _read_matrix(self, matrix: np.ndarray | MatrixFunction, robot: Robot) -> None:
-        # A function is called once here, so that its shape is known.
-        constant = matrix(robot.configuration()) if callable(matrix) else matrix
-        array = np.array(constant, dtype=float)  # the caller may change the matrix
-        if array.ndim != 2 or array.shape[0] != robot.nv:
-            raise ConstraintError(f"actuation matrix has shape {array.shape}, expected ({robot.nv}, p)")
-        self._function = UserFunction(matrix, array.shape, "actuation matrix B(q)") if callable(matrix) else None
-        self._constant = array
-        self.names = tuple(f"T[{i}]" for i in range(array.shape[1]))
-        self.units = ("",) * array.shape[1]
-        self.limits = np.full(array.shape[1], np.inf)
-
-    def _read_list(self, actuators: list[Actuator], robot: Robot) -> None:
-        self._constant = np.zeros((robot.nv, len(actuators)))
-        found = [self._read_one(column, each, robot) for column, each in enumerate(actuators)]
-        self.names, self.units = tuple(name for name, *_ in found), tuple(unit for _, unit, _ in found)
-        self.limits = np.array([limit for *_, limit in found])
-        # Inputs are found by name in messages, limits and records: two with one name could not be told apart.
-        check_unique(self.names, "duplicate actuator", ConstraintError)
 
     def _read_one(self, column: int, actuator: Actuator, robot: Robot) -> tuple[str, str, float]:
         """Set a column of B; return the name, the unit and the limit of its input."""
