@@ -59,10 +59,6 @@ class _SampledState(StateEvaluation):
     def arrays_at_q(self) -> CompiledArraysAtQ:
         return CompiledArraysAtQ(*self._records)
 
-    @property
-    def compiled_kinematics(self) -> Array:
-        return self._records[3]
-
 
 class Evaluator:
     """Evaluations of one reduction, by its kernel if it has one.
