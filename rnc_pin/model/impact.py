@@ -126,22 +126,12 @@ def impact(
     w = solve_positive_definite(state.H, apply_transposed(R, apply(state.M, state.v - fixed)))
     v_after = fixed + apply(R, w)
     _check_dependent(rows, sizes, apply(state.all_rows, v_after), after)
-    rank = reduced.m - int(conserved[kept].sum())
-    return _found(rows, conserved, state, v_after, rank)
-
-
-def _found(rows: RowStack, conserved: Array, state: StateEvaluation, after: Array, rank: int) -> Impact:
-    """Impact of a jump from the velocity of a state.
-
-    Raises:
-        ConstraintError: the coefficients create energy.
-    """
-    M, before = np.asarray(state.M), state.v
+    M, rank = np.asarray(state.M), reduced.m - int(conserved[kept].sum())
     impulses = np.zeros(rows.size)
-    impulses[~conserved] = least_norm_forces(state.all_rows[~conserved], apply(M, after - before), rank)
+    impulses[~conserved] = least_norm_forces(state.all_rows[~conserved], apply(M, v_after - state.v), rank)
     reacting = zip(rows.names, impulses.tolist(), conserved.tolist(), strict=True)
     named = {name: impulse for name, impulse, is_conserved in reacting if not is_conserved}
-    found = _read_only(before, after, named, *(float(0.5 * each @ M @ each) for each in (before, after)))
+    found = _read_only(state.v, v_after, named, *(float(0.5 * each @ M @ each) for each in (state.v, v_after)))
     rounding = 1e-9  # share of the kinetic energy
     # Rows that move do work on the robot: only beside rows at rest must the energy not grow.
     if not rows.affine and -found.loss > rounding * found.energy_before:

@@ -103,14 +103,6 @@ class StateEvaluation(ConfigurationEvaluation):
         # The full velocity is the same in each reduction; v2 is that of other outputs.
         return StateEvaluation(self.configuration.in_reduction(evaluator), v=self.v, motion=self._motion)
 
-    def with_velocity(self, v: Array) -> StateEvaluation:
-        """The same configurations with other full velocities (..., nv).
-
-        Args:
-            v: full velocities (..., nv) [rad/s or m/s].
-        """
-        return StateEvaluation(self, v=v)
-
     # ------------------------------------------------------------------ velocities
 
     @cached_property

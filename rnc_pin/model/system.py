@@ -139,9 +139,9 @@ class NonholonomicSystem(SummaryMixin):
         if self.m >= self.n and not may_stop:
             omitted = "mimic=False (mimic: false) omits them"
             hint = f"; {few(coupled)} come from the robot's file, {omitted}" if coupled else ""
-            still = _still(self.rows, robot, self._samples)
             raise ConstraintError(
-                f"{self.m} independent constraint rows leave no motion of {self.n} degrees of freedom{hint}{still}"
+                f"{self.m} independent constraint rows leave no motion of {self.n} degrees of freedom"
+                f"{hint}{self._still(self.rows)}"
             )
         independence.check_momenta(blocks, self.actuation, self.forces, robot, self._samples)
         for doubt in _doubts(robot, blocks, samples[:, self.kept], found):
@@ -224,8 +224,7 @@ class NonholonomicSystem(SummaryMixin):
         if x2.size != self.r:
             raise ConstraintError(
                 f"{x2.size} reducing outputs ({', '.join(x2.names) or 'none'}), expected {self.r}: "
-                f"{self.n} degrees of freedom less {self.m} of the constraints"
-                f"{_still(x2, self.robot, self._samples)}"
+                f"{self.n} degrees of freedom less {self.m} of the constraints{self._still(x2)}"
             )
         lengths = independence.row_scales(self.robot, self.rows, x2, self._samples)
         rest = singularity_limit, lengths, Kinematics(self.robot), self.forces, free
@@ -269,8 +268,18 @@ class NonholonomicSystem(SummaryMixin):
                 failures.append(error)
         raise ConstraintError(
             "the reducing outputs do not parametrise the motion: at every sampled configuration the rows "
-            f"{', '.join(failures[0].rows)} are dependent{_still(reduced.reducing, self.robot, self._samples)}"
+            f"{', '.join(failures[0].rows)} are dependent{self._still(reduced.reducing)}"
         )
+
+    def _still(self, rows: RowStack) -> str:
+        """Hint if the base is fixed and rows are zero at all sampled configurations, because their links rest."""
+        if base_of(self.robot.model) != "fixed":
+            return ""
+        moving, at_rest = np.zeros(rows.size, dtype=bool), 1e-12  # largest entry of a row that no joint moves
+        for _, jacobian in independence.defined_jacobians(rows, self.robot, self._samples):
+            moving |= np.abs(jacobian).max(axis=1, initial=0.0) > at_rest
+        names = [name for name, moves in zip(rows.names, moving, strict=True) if not moves]
+        return f"; no joint moves {few(names)}: {fixed_base(self.robot.model)}" if names else ""
 
 
 def _kinds(kinds: Sequence[_Kind], what: str) -> Sequence[_Kind]:
@@ -299,17 +308,6 @@ def _sample_rows(rows: RowStack, robot: Robot, configurations: np.ndarray) -> tu
     if not samples:
         raise ConstraintError(f"constraints {', '.join(rows.names)} are undefined at every sampled configuration")
     return np.stack(samples), np.stack(rates)
-
-
-def _still(rows: RowStack, robot: Robot, configurations: np.ndarray) -> str:
-    """Hint if the base is fixed and rows are zero at all configurations (count, nq), because their links rest."""
-    if base_of(robot.model) != "fixed":
-        return ""
-    moving, at_rest = np.zeros(rows.size, dtype=bool), 1e-12  # largest entry of a row that no joint moves
-    for _, jacobian in independence.defined_jacobians(rows, robot, configurations):
-        moving |= np.abs(jacobian).max(axis=1, initial=0.0) > at_rest
-    names = [name for name, moves in zip(rows.names, moving, strict=True) if not moves]
-    return f"; no joint moves {few(names)}: {fixed_base(robot.model)}" if names else ""
 
 
 def _not_implied(couplings: Sequence[CouplingRow], robot: Robot, blocks: Sequence[Rows]) -> list[CouplingRow]:

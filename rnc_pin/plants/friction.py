@@ -124,7 +124,7 @@ class DryFriction:
         least_ratio = 1e-4  # of pivots of the root of the matrix, 1e-8 of the matrix: rows below may be coupled
         if failed or not pivots.min() > least_ratio * pivots.max():  # rows that the constraints couple
             impulse = np.linalg.lstsq(together, speeds, rcond=_RANK)[0]
-        return state.with_velocity(state.v - R @ (moved @ impulse))
+        return StateEvaluation(state, v=state.v - R @ (moved @ impulse))
 
 
 def _least_energy(basis: Array, free: Array, limits: Array) -> tuple[Array, Array]:

@@ -417,7 +417,7 @@ def test_what_was_found_goes_over_to_other_velocities_and_other_reductions(syste
         state = StateEvaluation.at(system.evaluator, q, v2)
         found = {name: getattr(state, name) for name in (*of_q, *of_v)}
         values, slip = state.outputs()[0], system.generator.normal(size=(*places.shape, N))
-        other = state.with_velocity(slip)
+        other = StateEvaluation(state, v=slip)
         assert (other.position, other.factorization) == (state.position, state.factorization)
         for name in of_q[1:]:
             np.testing.assert_array_equal(getattr(other, name), found[name])
