@@ -227,7 +227,7 @@ class _YawRow(_DirectionAngleRow):
         return [yaw_wrench(directions[0])]
 
     def value(self, at: PositionKinematics) -> np.ndarray:
-        x, y, _ = np.moveaxis(at.rotation(self.frame)[..., self._axis], -1, 0)
+        x, y, _ = np.moveaxis(at.placement(self.frame).rotation[..., self._axis], -1, 0)
         # The two-argument form tells all four quadrants, so the angle covers a full turn.
         return np.arctan2(y, x)[..., None]
 
@@ -267,7 +267,7 @@ class _TiltRow(_DirectionAngleRow):
         return [tilt_wrench(directions[0])]
 
     def value(self, at: PositionKinematics) -> np.ndarray:
-        x, y, z = np.moveaxis(at.rotation(self.frame)[..., self._axis], -1, 0)
+        x, y, z = np.moveaxis(at.placement(self.frame).rotation[..., self._axis], -1, 0)
         # Not arcsin(z): near a vertical axis it would lose half of the digits, and rounding of z above one gives NaN.
         return np.arctan2(z, np.hypot(x, y))[..., None]
 

@@ -333,7 +333,7 @@ class DirectionRows(WrenchRows):
     def check_defined(self, at: PositionKinematics) -> None:
         if self.undefined:
             # Checked at each evaluation: beyond, the formula divides by zero and gives numbers of any size.
-            length = cast("Component", self.regularity(*self.world_directions(at.rotation(self.frame))))
+            length = cast("Component", self.regularity(*self.world_directions(at.placement(self.frame).rotation)))
             check_defined(self.undefined, at.q, length, FLAT, self.names)
 
     @abstractmethod

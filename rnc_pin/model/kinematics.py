@@ -251,14 +251,6 @@ class PositionKinematics:
         """
         return _placement(self._placed.get(_frame_placement, (4, 3), frame))
 
-    def rotation(self, frame: int) -> np.ndarray:
-        """Rotation of a frame, (..., 3, 3).
-
-        Args:
-            frame: index of the frame in the model.
-        """
-        return self.placement(frame).rotation
-
     def joint_placement(self, joint: int) -> Placement:
         """Placement of the frame that moves with a joint.
 

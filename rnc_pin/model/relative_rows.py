@@ -47,7 +47,7 @@ class RelativeKinematics(VelocityKinematics):
         return np.asarray(self._original.placement(frame).translation - self._place.translation)
 
     def placement(self, frame: int) -> Placement:
-        turned = self._place.rotation.mT @ self._original.rotation(frame)
+        turned = self._place.rotation.mT @ self._original.placement(frame).rotation
         return Placement(turned, apply_transposed(self._place.rotation, self._offset(frame)))
 
     def jacobian(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES, rows: Components = ALL) -> Array:
