@@ -167,10 +167,24 @@ class TrackerState(NamedTuple):
 
     time: float | None
     learnt: Float[Array, "*batch r w"]
-    """Adaptive gains ``[g, C, D]``: a row for each reducing velocity, of 1 + r + r^2 numbers. g is the learnt force, C
-    and D are gains of the desired acceleration and of products of velocities."""
+    """Adaptive gains ``[g, C, D]``: a row for each reducing velocity, of 1 + r + r^2 numbers."""
     target: State
     """State of the kinematic controller."""
+
+    @property
+    def g(self) -> Float[Array, "*batch r"]:
+        """Learnt force."""
+        return self.learnt[..., 0]
+
+    @property
+    def C(self) -> Float[Array, "*batch r r"]:
+        """Learnt gains of the desired acceleration."""
+        return self.learnt[..., 1 : 1 + self.learnt.shape[-2]]
+
+    @property
+    def D(self) -> Float[Array, "*batch r r2"]:
+        """Learnt gains of the products of velocities."""
+        return self.learnt[..., 1 + self.learnt.shape[-2] :]
 
 
 class VelocityTracker(DescribedMixin):

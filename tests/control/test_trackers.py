@@ -191,12 +191,12 @@ def test_small_steps_are_the_papers_laws():
 
     target = Memoryless(lambda *_: VelocityTarget(v2d, v2d_dot))
     tracker = VelocityTracker(target, VelocityGains(k=7.0, beta=3.0, sigma=0.4))
-    before = np.column_stack([g, C, D])
-    state = TrackerState(1.0, before, None)
+    state = TrackerState(1.0, np.column_stack([g, C, D]), None)
     command, new = tracker.step(1.0 + h, rnc.Measurement(v2=v2), state)
     e, w = v2d - v2, np.kron(v2, v2d)
-    added = np.column_stack([e, np.outer(e, v2d_dot), np.outer(e, w)])
-    np.testing.assert_allclose((new.learnt - before) / h, -0.4 * before + 3.0 * added, atol=1e-5)
+    np.testing.assert_allclose((new.g - g) / h, -0.4 * g + 3.0 * e, atol=1e-5)
+    np.testing.assert_allclose((new.C - C) / h, -0.4 * C + 3.0 * np.outer(e, v2d_dot), atol=1e-5)
+    np.testing.assert_allclose((new.D - D) / h, -0.4 * D + 3.0 * np.outer(e, w), atol=1e-5)
     np.testing.assert_allclose(command.F, C @ v2d_dot + D @ w + g + 7.0 * e, atol=1e-5)
 
 
@@ -242,7 +242,7 @@ def test_a_velocity_tracker_takes_the_step_of_its_law_output_by_output(sigma, zo
         kinds.add(rests)
         if rests:
             expected = learnt[i, j]
-        np.testing.assert_allclose(after.learnt[i, j], expected, rtol=1e-12, atol=1e-13)
+        np.testing.assert_allclose([after.g[i, j], *after.C[i, j], *after.D[i, j]], expected, rtol=1e-12, atol=1e-13)
         np.testing.assert_allclose(command.F[i, j], expected @ w + k[j] * error + held[j], rtol=1e-12)
     assert kinds == ({False, True} if clipped or np.any(zone) else {False})
     assert command.v2_desired is v2d
@@ -254,7 +254,7 @@ def test_a_velocity_tracker_starts_with_nothing_learnt_in_the_shape_of_what_it_s
     tracker = VelocityTracker(said(None, None), gravity_compensation=[2.0, -1.0])
     state = tracker.initial_state(Measurement(v2=np.ones((4, 3, 2))))
     assert (state.time, state.target) == (None, 5)
-    assert state.learnt.shape == (4, 3, 2, 7)
+    assert [each.shape for each in (state.g, state.C, state.D)] == [(4, 3, 2), (4, 3, 2, 2), (4, 3, 2, 4)]
     assert not state.learnt.any()
     assert tracker.describe() == {
         "type": "VelocityTracker",
