@@ -288,8 +288,7 @@ class _AckermannRow(Rows):
 
     def _row(self, at: PositionKinematics, l_entry: Component, r_entry: Component) -> np.ndarray:
         """Row (..., 1, nv) from its entries for unit steering rates to the left."""
-        size = at.M.shape[-1]
-        row: list[Component] = [0.0] * size
+        row: list[Component] = [0.0] * at.M.shape[-1]
         for pivot, entry in zip(self._pivots, (l_entry, r_entry), strict=True):
             # An axis that points down counts angles to the right.
             row[pivot.joint.idx_v] = pivot.sign * entry

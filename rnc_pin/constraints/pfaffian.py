@@ -327,8 +327,7 @@ class _PfaffianRows(Rows):
         return self._evaluated("rows_dot", at, at.q, at.v)
 
     def bias_acceleration(self, at: VelocityKinematics) -> Array:
-        bias_acceleration = apply(self.jacobian_dot(at), at.v)
-        return bias_acceleration - self.rate_dot(at) if self.affine else bias_acceleration
+        return apply(self.jacobian_dot(at), at.v) - self.rate_dot(at)
 
     def rate(self, at: PositionKinematics) -> Array:
         return self._evaluated("rate", at, at.q) if self.affine else super().rate(at)
