@@ -104,15 +104,6 @@ def _check_draw(row: Row, draws: SeededDraws) -> None:
             raise ValueError(f"{name}: run {row['run']} of this sweep draws {value}, found {short_text(row.get(name))}")
 
 
-def _cut_off_torn_line(file: BufferedRandom) -> None:
-    """Cut off an incomplete last line, so that the next one begins on a line of its own."""
-    size = file.seek(0, os.SEEK_END)
-    # The end alone: no row is longer than ``LARGEST``.
-    start = file.seek(max(0, size - LARGEST))
-    file.truncate(start + file.read().rfind(b"\n") + 1)
-    file.seek(0, os.SEEK_END)
-
-
 # ------------------------------------------------------------------ specification
 
 
@@ -183,7 +174,12 @@ def sweep_folder(path: Path, specification: Specification, force: bool) -> Itera
         # To read its last line and to append: this mode needs a file.
         (path / RUNS).touch()
         file = stack.enter_context((path / RUNS).open("r+b"))
-        _cut_off_torn_line(file)
+        size = file.seek(0, os.SEEK_END)
+        # An incomplete last line is cut off, so that the next one begins on a line of its own. The end alone is read:
+        # no row is longer than ``LARGEST``.
+        start = file.seek(max(0, size - LARGEST))
+        file.truncate(start + file.read().rfind(b"\n") + 1)
+        file.seek(0, os.SEEK_END)
         yield file
 
 
