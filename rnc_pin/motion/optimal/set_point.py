@@ -239,7 +239,6 @@ class SetPointBound(BoundCost):
         self._top = max(coordinates.weights)
         self._powers = self._top / np.array(coordinates.weights)
         self._least = cost.precision ** (2 * self._top)
-        self._curved = any(coordinates.polynomials)
 
     def _residuals(self, nodes: NodeData, derivatives: bool) -> RowValues:
         """Residuals with their derivatives, which cost little."""
@@ -262,8 +261,6 @@ class SetPointBound(BoundCost):
         """
         coordinates = self._coordinates
         z, z_q = coordinates.evaluate(q)
-        if not self._curved:
-            return z, z_q
         linear = coordinates.chart.coordinates(q) @ coordinates.linear.T
         size, power = np.abs(linear), 2 * self._powers
         share = 1.0 / (1.0 + (size**power).sum(axis=1, keepdims=True))
