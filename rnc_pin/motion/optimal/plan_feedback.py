@@ -24,7 +24,7 @@ from rnc_pin.motion.optimal.costs import Weight, weights_of
 from rnc_pin.motion.optimal.guesses import inputs_for
 from rnc_pin.motion.optimal.interior_point import RiccatiFactors
 from rnc_pin.motion.optimal.motion_plan import MotionPlan
-from rnc_pin.motion.planning.action_models import ActionModel, Form, Nodes, action_model
+from rnc_pin.motion.planning.action_models import ActionModel, Nodes, action_model
 from rnc_pin.printing import ReprMixin
 
 _HORIZON = 1000  # intervals of the regulator at rest
@@ -507,8 +507,7 @@ def fitting_model(reduced: ReducedModel, plan: MotionPlan) -> ActionModel:
     Raises:
         ConfigurationError: the plan was made for another model.
     """
-    form: Form = plan.info.form  # type: ignore[assignment]
-    model = action_model(reduced, form)
+    model = action_model(reduced, plan.info.form)
     if plan.info.input_names != model.input_names or plan.K.shape[2] != model.nx:
         raise ConfigurationError(
             f"the plan is for inputs {', '.join(plan.info.input_names)}, the model has {', '.join(model.input_names)}"

@@ -282,8 +282,7 @@ class Transcription:
             linear: linearization at the motion, if it is known; that of a free duration is of no use.
         """
         if linear is None or self.free:
-            fixed = self.changed(duration=(at.duration, at.duration))
-            linear, _ = fixed.linearize(at)
+            linear, _ = self.changed(duration=(at.duration, at.duration)).linearize(at)
         return gains_of(linear, np.minimum(linear.upper, -linear.lower))
 
     def moved(self, at: Iterate, x: Array, u: Array, length: float) -> Iterate:
