@@ -265,22 +265,19 @@ class Grip(SummaryMixin):
 
     def _shares(self, q: Array, rows: Array, contact_forces: Array, normal_forces: Array) -> Array:
         """Shares (..., w) of states (...,)."""
-        sizes = [np.linalg.norm(contact_forces[..., list(each.along)], axis=-1) for each in self._contacts]
-        even = np.stack(sizes, axis=-1)
+        batch = q.shape[:-1]
+        arrays, count = (q, rows, contact_forces, normal_forces), int(np.prod(batch))
+        q, rows, contact_forces, normal_forces = (each.reshape(count, *each.shape[len(batch) :]) for each in arrays)
+        forces, free = self._set.known(contact_forces, normal_forces), self._set.free(q, rows)
+        even = np.linalg.norm(forces[:, self._set.gripping, 1:], axis=2)
         allowed = np.zeros_like(even)  # a contact that does not carry has no load
         for column, contact in enumerate(self._contacts):
             if contact in self.normal.contacts:
-                load = normal_forces[..., self.normal.contacts.index(contact)]
-                allowed[..., column] = self.friction * np.maximum(load, 0.0)
+                load = normal_forces[:, self.normal.contacts.index(contact)]
+                allowed[:, column] = self.friction * np.maximum(load, 0.0)
         small = 1e-9  # [N]: a force without a load that is rounding slips on no ground
         # A contact that needs a force and carries nothing uses infinite friction; one that needs none uses zero.
         shares = np.divide(even, allowed, out=np.where(even > small, np.inf, 0.0), where=allowed > 0)
-        batch = shares.shape[:-1]
-        arrays, count = (q, rows, contact_forces, normal_forces, shares), int(np.prod(batch))
-        flat = (each.reshape(count, *each.shape[len(batch) :]) for each in arrays)
-        q, rows, contact_forces, normal_forces, shares = flat
-        free = self._set.free(q, rows)
-        forces, shares = self._set.known(contact_forces, normal_forces), shares.copy()
         column = np.cumsum(self._set.gripping) - 1
         # Contacts whose forces do not depend on each other are separate programs, which are smaller and equal for many
         # samples.

@@ -264,12 +264,11 @@ def _deeper(jets: BracketJets, basis: np.ndarray, order: int, rejected: float, r
     for time in FLOW_TIMES:
         generator = np.random.default_rng(0)
         try:
-            drawn, fading = [jets.draw(order, time, generator)], fades * time
-            found, error, crowded = _levels(drawn, basis, rejected, fading, reach)
+            drawn, crowded = list[Jets](), True
             # As many directions as functions: more functions show whether there are more directions.
             while crowded and len(drawn) < basis.shape[0]:
                 drawn.append(jets.draw(order, time, generator))
-                found, error, crowded = _levels(drawn, basis, rejected, fading, reach)
+                found, error, crowded = _levels(drawn, basis, rejected, fades * time, reach)
         except SingularityError as singular:  # the flow reaches a singular configuration
             failures.append(singular)
             continue
