@@ -428,9 +428,8 @@ def _changes(
         # In its own axes a symmetry of the whole robot changes no velocity of a body.
         bodies.append(along_q.reshape(6, -1) + along_v.reshape(6, -1) @ derivatives.v_q)
     closing = assembly.jacobian(Kinematics(reduced.robot).position(q))[assembly.leading]
-    bracket, v = frame_bracket(model), derivatives.v
     # Velocities are in moving frames: the change along a field has the bracket of the joints' groups too.
-    carried = np.stack([bracket(each, v) for each in np.eye(reduced.n)], axis=-1)
+    carried = frame_bracket(model)(np.eye(reduced.n), derivatives.v).T
     return derivatives.v_q + carried, np.vstack(bodies), (derivatives.v2_dot_q, closing)
 
 

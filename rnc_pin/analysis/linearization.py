@@ -199,10 +199,9 @@ def _check_steady(reduced: ReducedModel, v2: Array, T: Array, v2_dot: Array) -> 
 
 def _whole(reduced: ReducedModel, d: StateDerivatives) -> tuple[Array, Array]:
     """A and B for perturbations ``(xi, v2 - v2_0)`` with ``q = q_0(t) (+) xi``."""
-    bracket = frame_bracket(reduced.robot.model)
-    # In axes that move with v, xi' = (velocity) - (velocity of the motion) - [v, xi].
-    carried = np.stack([bracket(d.v, each) for each in np.eye(reduced.n)], axis=-1)
-    A = np.block([[d.v_q - carried, d.v_v2], [d.v2_dot_q, d.v2_dot_v2]])
+    # In axes that move with v, xi' = (velocity) - (velocity of the motion) + [xi, v].
+    carried = frame_bracket(reduced.robot.model)(np.eye(reduced.n), d.v).T
+    A = np.block([[d.v_q + carried, d.v_v2], [d.v2_dot_q, d.v2_dot_v2]])
     return A, np.vstack([np.zeros((reduced.n, reduced.p)), d.v2_dot_T])
 
 
