@@ -28,10 +28,9 @@ import pinocchio as pin
 
 from rnc_pin.array_shapes import Array, Bool, Float, Int
 from rnc_pin.collision.collision_distances import CollisionDistances, PlacedBodies
-from rnc_pin.collision.shapes import Obstacle
+from rnc_pin.collision.shapes import Obstacle, ObstacleMotion
 from rnc_pin.errors import ModelError
 from rnc_pin.model.coordinates import ConfigurationManifold
-from rnc_pin.model.rows import Motion
 
 _HELICAL = ("JointModelH",)
 
@@ -267,7 +266,7 @@ class SampledMotion:
 class _Track:
     """Motion of an obstacle, evaluated once at each time."""
 
-    def __init__(self, motion: Motion) -> None:
+    def __init__(self, motion: ObstacleMotion) -> None:
         @cache  # segments meet at their ends: a user's motion is asked once for each time
         def pose_and_rate(t: float) -> Float[Array, "2 4"]:
             point = motion.at(t)

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations, product
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import coal
 import numpy as np
@@ -24,7 +24,6 @@ from numpy.typing import ArrayLike
 
 from rnc_pin.array_shapes import Array, Float, Int
 from rnc_pin.errors import InputError, ModelError, SimulationError, nearest
-from rnc_pin.model.rows import Motion
 from rnc_pin.robots.robot import Robot
 from rnc_pin.robots.sources.mesh_formats import read_mesh
 from rnc_pin.robots.sources.mesh_readers import Mesh, convex_hull
@@ -204,6 +203,23 @@ def axes_of_rotation(model: pin.Model) -> Float[Array, "njoints 3"]:
 # ------------------------------------------------------------------ obstacles
 
 
+class MotionPoint(Protocol):
+    """Value of a motion at one time, such as a ``ReferencePoint``."""
+
+    @property
+    def position(self) -> np.ndarray: ...
+    @property
+    def velocity(self) -> np.ndarray: ...
+
+
+class ObstacleMotion(Protocol):
+    """Motion of an obstacle: x, y, z [m] and yaw [rad] over time, such as a ``Reference`` of four numbers."""
+
+    size: int
+
+    def at(self, t: float) -> MotionPoint: ...
+
+
 # coal cannot pickle half spaces.
 copyreg.pickle(coal.Halfspace, lambda shape: (coal.Halfspace, (shape.n.copy(), float(shape.d))))
 
@@ -247,7 +263,7 @@ class Obstacle:
     roll: float = 0.0
     pitch: float = 0.0
     name: str = "obstacle"
-    motion: Motion | None = None
+    motion: ObstacleMotion | None = None
     ignored_links: Sequence[str] = ()
 
     def __post_init__(self) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -15,7 +16,7 @@ from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.coordinates import Coordinates, left_jacobian
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics, over_states
-from rnc_pin.model.rows import Motion, OutputKind, OutputRows, Rows
+from rnc_pin.model.rows import OutputKind, OutputRows, Rows
 from rnc_pin.model.user_functions import Function, Rate, UserFunction, admitted_rate, central_difference, check_rate
 from rnc_pin.robots.robot import Robot
 
@@ -103,6 +104,25 @@ class FixedRows(Rows):
     def _wanted(self, at: PositionKinematics) -> Array:
         """Value (..., k) that the output should have."""
         return np.broadcast_to(self._value, (*at.q.shape[:-1], len(self.names)))
+
+
+class PrescribedPoint(Protocol):
+    """Value of a prescribed motion at one time, such as a ``ReferencePoint``."""
+
+    @property
+    def position(self) -> Array: ...
+    @property
+    def velocity(self) -> Array: ...
+    @property
+    def acceleration(self) -> Array: ...
+
+
+class Motion(Protocol):
+    """Motion of k outputs over time, such as a ``Reference``."""
+
+    size: int
+
+    def at(self, t: float) -> PrescribedPoint: ...
 
 
 @dataclass(frozen=True)

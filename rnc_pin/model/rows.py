@@ -317,25 +317,6 @@ class OutputKind(Protocol):
     def bind(self, robot: Robot) -> OutputRows: ...
 
 
-class MotionPoint(Protocol):
-    """Value of a motion at one time, such as a ``ReferencePoint``."""
-
-    @property
-    def position(self) -> np.ndarray: ...
-    @property
-    def velocity(self) -> np.ndarray: ...
-    @property
-    def acceleration(self) -> np.ndarray: ...
-
-
-class Motion(Protocol):
-    """Motion of k outputs, or of an obstacle, over time, such as a ``Reference``."""
-
-    size: int
-
-    def at(self, t: float) -> MotionPoint: ...
-
-
 def check_defined(what: str, q: np.ndarray, sizes: Component, limit: float, names: tuple[str, ...]) -> None:
     """Raise an error at states where rows are undefined because a length is too small.
 

@@ -31,6 +31,11 @@ _BINOMIALS = np.array([[math.comb(order, of) for of in range(4)] for order in ra
 _ORDERS = np.subtract.outer(range(4), range(4))
 
 
+class _Point(Protocol):
+    @property
+    def position(self) -> np.ndarray: ...
+
+
 class ReferenceSummary(SummaryMixin):
     """Mixin of references that prints them: positions have the units of the outputs that the reference is for."""
 
@@ -38,7 +43,7 @@ class ReferenceSummary(SummaryMixin):
     duration: float
 
     @abstractmethod
-    def at(self, t: float) -> ReferencePoint: ...
+    def at(self, t: float) -> _Point: ...
 
     def _summary(self) -> ObjectSummary:
         end = "never rests" if math.isinf(self.duration) else f"rests from t = {self.duration:g} s on"
