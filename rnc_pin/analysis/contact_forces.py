@@ -278,7 +278,7 @@ class Grip(SummaryMixin):
         small = 1e-9  # [N]: a force without a load that is rounding slips on no ground
         # A contact that needs a force and carries nothing uses infinite friction; one that needs none uses zero.
         shares = np.divide(even, allowed, out=np.where(even > small, np.inf, 0.0), where=allowed > 0)
-        column = np.cumsum(self._set.gripping) - 1
+        place = np.cumsum(self._set.gripping) - 1
         # Contacts whose forces do not depend on each other are separate programs, which are smaller and equal for many
         # samples.
         for samples, group in _alike(free):
@@ -287,7 +287,7 @@ class Grip(SummaryMixin):
                 continue
             some = np.ix_(samples, group)
             least = least_shares(forces[some], free[some], np.where(grips, self.friction, 0.0))
-            where = np.ix_(samples, column[group][grips])
+            where = np.ix_(samples, place[group][grips])
             shares[where] = np.where(np.isnan(least[:, grips]), shares[where], least[:, grips])
         return shares.reshape(*batch, len(self.names))
 

@@ -314,12 +314,13 @@ def draw_paths(axes: Axes, paths: GroundPaths, texts: Labels, name: str = "") ->
         own += axes.plot(*path.points.T, color=color, lw=st.points(1.8))
         if path.headings is None:
             axes.plot(*path.points[-1], "o", color=color, markeredgecolor="white")
-        for sample in path.marks() if path.headings is not None else ():
-            marker = MarkerStyle(_POINTER, transform=Affine2D().rotate(float(path.headings[sample])))
-            axes.plot(
-                *path.points[sample], marker=marker, color=color, markersize=st.points(13.0), markeredgecolor="white",
-                markeredgewidth=st.points(0.7), zorder=3,
-            )  # fmt: skip
+        else:
+            for sample in path.marks():
+                marker = MarkerStyle(_POINTER, transform=Affine2D().rotate(float(path.headings[sample])))
+                axes.plot(
+                    *path.points[sample], marker=marker, color=color, markersize=st.points(13.0),
+                    markeredgecolor="white", markeredgewidth=st.points(0.7), zorder=3,
+                )  # fmt: skip
         axes.plot(*path.points[0], "o", color="white", markeredgecolor=color, markersize=st.points(7.0), zorder=4)
     compared = _compared(axes, paths, texts)
     if compared and len(own) == 1:

@@ -332,8 +332,11 @@ class SetPointController(DescribedMixin):
         ahead, q = ahead + bias, now.q[0]
         # Nodes of the kinematic form have no velocities, and its bounds do not depend on them.
         v2, plan_v2 = (now.w[0], planned.w[0]) if self._model.nw else (state.u[k], state.u[k])
-        plan = partial(self.reduced.at, planned.q[0], plan_v2)
-        return self._commands.nearest(u + ahead, ahead, q, v2, dt, lambda: self._commands.outputs(plan()), state.lack)
+
+        def outputs() -> tuple[Array, Array]:
+            return self._commands.outputs(self.reduced.at(planned.q[0], plan_v2))
+
+        return self._commands.nearest(u + ahead, ahead, q, v2, dt, outputs, state.lack)
 
     def _end_error(self, t: float, now: Nodes, state: SetPointState) -> float:
         """Largest error at the end of the plan, to which its feedback leads the model from a state [m or rad]."""
