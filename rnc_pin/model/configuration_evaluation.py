@@ -51,6 +51,7 @@ class ConfigurationEvaluation(SummaryMixin):
     Raises:
         InputError: the rows of the constraints depend on time, and t is missing.
         SingularityError: of every quantity that needs R: the outputs do not parametrise the motion at q.
+        DivergenceError: of every quantity that needs R: a row is not finite at q.
     """
 
     def __init__(

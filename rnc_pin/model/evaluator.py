@@ -225,6 +225,8 @@ class Evaluator:
 def evaluator_for(data: ReductionData, known: Evaluator | None = None) -> Evaluator:
     """Evaluator of a reduction: compiled if the kernel agrees with NumPy at a random state.
 
+    NumPy alone evaluates robots whose joints have axes that change, and reductions without a regular random state.
+
     Args:
         data: the reduction.
         known: evaluator of another reduction of the same system. Rows that were compared for it are not compared again.

@@ -140,6 +140,7 @@ def _best_rows(data: ReductionData, rows: Array) -> Int[Array, " m"] | None:
     natural = np.where(data.constraint_scales > 0, natural, np.inf)[:, None]  # rows of typical length 0 are rounding
     # Pivoted QR of A^T takes the most independent rows first; rows count relative to their usual length.
     order, sizes = pivot_columns((rows / natural).T, data.m)
+    # Both limits are those by which ``independence`` chooses the default rows.
     dependent = 1e-8  # sine of the angle below which constraint rows count as dependent
     if data.m and not sizes[-1] > dependent:
         return None  # the constraints themselves lose rank

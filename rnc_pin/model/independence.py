@@ -77,7 +77,7 @@ def select_independent(
             longest lever arm of the rows, so that a robot and its small model have the same margin.
 
     Raises:
-        RankError: the rank is not the same at every sample.
+        RankError: the rank at some sample is lower than that of the rows at all samples together, up to rounding.
         ConstraintError: a dependent row requires a velocity that contradicts the others.
     """
     # Entries of rounding would count as directions once rows have unit length.

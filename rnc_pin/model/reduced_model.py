@@ -64,6 +64,7 @@ class ReducedModel(SummaryMixin):
     Raises (every method):
         InputError: an array has the wrong shape or is not finite.
         SingularityError: the outputs do not parametrise the motion at q.
+        DivergenceError: a row is not finite at q.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")

@@ -77,7 +77,7 @@ class SampledRun:
         # A plant of the same model hands over its evaluation of the state: nothing is computed twice.
         self._exact = plant if isinstance(plant, ReducedPlant) and plant.reduced is reduced else None
         self._measured = np.zeros(0), np.zeros(0)  # of the last reading; velocities are empty if measurements are exact
-        # The plant alone may clip inputs, and reports what it applies.
+        # By default the plant alone clips inputs, and reports what it applies; ``options.loop`` may say otherwise.
         loop_options: LoopOptions = {"fallback": "hold", "limits": False, "max_speed": options.stop.speed}
         kind: type[ControlLoop] = ControlLoop
         self._servos = takes_velocities(plant)

@@ -12,7 +12,7 @@ from rnc_pin.analysis import NormalForces, first_lift_off, near_lift_off
 from rnc_pin.analysis.normal_forces import CHANGES
 from rnc_pin.control.controller import Command, Controller, State, VelocityGiving
 from rnc_pin.control.loop import LoopOptions
-from rnc_pin.control.loop.options import LoopSettings, check_controller, check_model, type_name
+from rnc_pin.control.loop.options import LoopSettings, check_controller, check_reduced_model, type_name
 from rnc_pin.errors import ConfigurationError, DivergenceError, InputError, LimitError
 from rnc_pin.io.json import Json
 from rnc_pin.model.evaluation_results import Measurement
@@ -287,7 +287,7 @@ def check_arguments(arguments: RunArguments) -> None:
         arguments: arguments of a run.
     """
     reduced, controller, *_, plant, options = arguments
-    check_model(reduced)
+    check_reduced_model(reduced)
     check_controller(controller)
     if plant is not None and (isinstance(plant, type) or not isinstance(plant, Plant)):
         raise ConfigurationError(f"plant: expected methods reset, read, apply, advance, found {type_name(plant)}")

@@ -26,8 +26,8 @@ from rnc_pin.control.loop.options import (
     LoopSettings,
     admit_limits,
     check_controller,
-    check_model,
     check_number,
+    check_reduced_model,
     input_of,
     unpack_step,
 )
@@ -111,7 +111,7 @@ class ControlLoop(ReprMixin):
         self, reduced: ReducedModel, controller: Controller, dt: float, **options: Unpack[LoopOptions]
     ) -> None:
         check_number("dt", dt)
-        check_model(reduced)
+        check_reduced_model(reduced)
         check_controller(controller)
         self.reduced, self.dt, self._controller = reduced, dt, controller
         self.settings = LoopSettings.of_options(options)

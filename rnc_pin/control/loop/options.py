@@ -94,7 +94,7 @@ class LoopSettings:
                 check_number(name, value, zero=name not in ("max_speed", "cutoff", "deadline"))
 
 
-def check_model(reduced: object) -> None:
+def check_reduced_model(reduced: object) -> None:
     """Raise an error unless the argument is a reduced model.
 
     Raises:

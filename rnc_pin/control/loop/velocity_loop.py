@@ -11,7 +11,7 @@ from rnc_pin.array_shapes import Array, Float
 from rnc_pin.control.actuator_velocity import ActuatorVelocityController, driven_joints, velocity_from_actuators
 from rnc_pin.control.controller import KinematicController
 from rnc_pin.control.loop.control_loop import ControlLoop
-from rnc_pin.control.loop.options import GuardOptions, check_model
+from rnc_pin.control.loop.options import GuardOptions, check_reduced_model
 from rnc_pin.errors import check_known, place_of
 from rnc_pin.model.kinematics import OWN_AXES, Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
@@ -112,7 +112,7 @@ class VelocityLoop(VelocityInputLoop):
         fallback: Literal["zero", "brake", "hold", "raise"] = "zero",
         **options: Unpack[GuardOptions],
     ) -> None:
-        check_model(reduced)
+        check_reduced_model(reduced)
         check_known(velocity, ("measured", "observer", "commanded"), "velocity of a loop")
         self._commanded = velocity == "commanded"
         # ``step`` passes the commanded velocity to the loop as if it were measured.

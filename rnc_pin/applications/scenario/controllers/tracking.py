@@ -290,7 +290,7 @@ class SteeringSettings(VelocityTrackerSettings):
     Attributes:
         type: class 2s: backstepping through the steering angle, over a velocity tracker.
         k4: rate at which a steering angle follows its desired value [1/s]; several times k3.
-        k3: gain on vertical outputs (12) [1/s]; one number, or one for each.
+        k3: gain on vertical outputs [1/s]; one number, or one for each.
     """
 
     follows: ClassVar[frozenset[str]] = frozenset({"primary", "vertical"})
