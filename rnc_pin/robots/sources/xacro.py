@@ -210,6 +210,7 @@ class _Expander:
         if missing:
             raise ModelError(f"macro '{name}' is called without {', '.join(missing)}")
         self._called.append(macro)
+        self._check_depth()
         self._inside(macro, target, inner)
         self._called.pop()
 
@@ -248,6 +249,7 @@ class _Expander:
         # Before it is opened: files outside of the allowed folders are not even looked at.
         self._substitution.admitted(path)
         self._substitution.files.append(path)
+        self._check_depth()
         try:
             source = definitions.read_document(path)
         except ModelError:
@@ -256,6 +258,12 @@ class _Expander:
             raise
         self._inside(source, target, inner)
         self._substitution.files.pop()
+
+    def _check_depth(self) -> None:
+        # Before Python's own limit, whose error pathlib takes for a ring of links, and an expression for its own fault.
+        deepest = 100  # nesting of macros and includes, which are expanded by recursion
+        if len(self._called) + len(self._substitution.files) > deepest:
+            raise ModelError("macros or includes are recursive or nested too deeply")
 
 
 def _resolve(name: str, scope: Scope) -> tuple[Scope, Element]:
