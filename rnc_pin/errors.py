@@ -12,6 +12,7 @@ from collections import ChainMap
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, Self
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ _LONGEST_NAME, _MOST_NAMES = 100, 2000  # limits of the name comparison, whose c
 
 
 class PartialRun(Protocol):
-    """Motion until an error: a ``Trajectory``, a ``Rollout`` if only kinematics was computed, or a ``MotionPlan``."""
+    """Motion until an error: a ``Trajectory``, or a ``Rollout`` if only kinematics was computed."""
 
     @property
     def time(self) -> np.ndarray:
@@ -33,6 +34,19 @@ class PartialRun(Protocol):
     @property
     def q(self) -> np.ndarray:
         """Configurations (N, nq)."""
+        ...
+
+
+class PartialPlan(PartialRun, Protocol):
+    """Plan that its verification does not confirm: a ``MotionPlan``, with the times and configurations of its nodes."""
+
+    @property
+    def verdict(self) -> object:
+        """``Verdict`` of the verification."""
+        ...
+
+    def save(self, path: str | Path) -> None:
+        """Write the plan to a file."""
         ...
 
 
@@ -161,7 +175,7 @@ class InfeasibleError(ConfigurationError):
         no velocity gains suit this region
     """
 
-    plan: PartialRun | None = None
+    plan: PartialPlan | None = None
     q: np.ndarray | None = None
     time: float | None = None
     rows: tuple[str, ...] = ()

@@ -100,7 +100,7 @@ def printed(**units: str) -> Callable[[type[Record]], type[Record]]:
 
         methods = {
             "_summary": summary,
-            "__repr__": lambda self: shortened(_call(kind, dict(_fields(self)))),
+            "__repr__": lambda self: shortened(_call(kind, {name: _outline(value) for name, value in _fields(self)})),
             "__str__": SummaryMixin.__str__,
             "_repr_pretty_": SummaryMixin._repr_pretty_,
         }
@@ -218,6 +218,13 @@ def _value(value: object, alone: bool = False) -> str:
     if _is_record(value) and not isinstance(value, SummaryMixin):
         return _call(type(value), dict(_fields(value)))
     return type(value).__name__
+
+
+def _outline(value: object) -> object:
+    """Value, but only the name of a record; a part of a record would hide the rest of a line."""
+    if _is_record(value):
+        return f"{type(value).__name__}(...)"
+    return list(map(_outline, value)) if isinstance(value, list | tuple) else value
 
 
 def _prints(value: object) -> bool:

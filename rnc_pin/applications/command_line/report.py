@@ -31,13 +31,17 @@ class Watching(TypedDict):
 
 
 @contextmanager
-def progress_bar(total: float, text: str, quiet: bool) -> Iterator[Callable[[float, str], None]]:
+def progress_bar(
+    total: float, text: str, quiet: bool, restarts: bool = False
+) -> Iterator[Callable[[float, str], None]]:
     """Show a progress bar on stderr; yield a callback that takes the value so far and the activity.
 
     Args:
         total: value at 100 %.
         text: current activity. Without a terminal this line is printed, and one each minute.
         quiet: print nothing.
+        restarts: count the first value above zero as done before the start: the estimate of the remaining time leaves
+            it out.
     """
     console = Console(stderr=True)
     # A log has no bar: one line says what takes the time.
@@ -58,6 +62,10 @@ def progress_bar(total: float, text: str, quiet: bool) -> Iterator[Callable[[flo
         return f"{bar.tasks[0].description}: {bar.tasks[0].percentage:.0f} %"
 
     def advance(done: float, text: str) -> None:
+        nonlocal restarts
+        if restarts and done:
+            bar.reset(task, completed=int(done))
+            restarts = False
         bar.update(task, completed=done, description=text)
 
     with messages.told_each_minute(reached, quiet), bar:

@@ -34,7 +34,8 @@ def sweep_scenario(
     chosen = parse_options(options)
     reached = 0
     try:
-        with progress_bar(runs, f"{scenario} x {runs}", as_json) as advance:
+        # A sweep that continues has runs already: the estimate of the time counts only its own.
+        with progress_bar(runs, f"{scenario} x {runs}", as_json, restarts=True) as advance:
 
             def progress(done: int, total: int | None) -> None:
                 nonlocal reached

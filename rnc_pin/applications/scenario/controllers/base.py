@@ -100,7 +100,12 @@ class ControllerContext:
             InfeasibleError: there are complaints, and ``preflight`` refuses such a run.
         """
         if complaints and self.scenario.preflight == "refuse":
-            raise InfeasibleError("; ".join(complaints))
+            # An error is one line: of many reasons, the first.
+            longest = 350  # letters of the reasons that one error names
+            shown = 1 if sum(map(len, complaints)) > longest else len(complaints)
+            rest = len(complaints) - shown
+            more = f"; and {rest} more: 'preflight: warn' shows all" if rest else ""
+            raise InfeasibleError("; ".join(complaints[:shown]) + more)
         return tuple(complaints)
 
     def passed_obstacles(self, what: str, times: np.ndarray, configurations: np.ndarray) -> tuple[str, ...]:
